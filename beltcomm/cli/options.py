@@ -120,6 +120,13 @@ class Window(Pairs):
         return ends
 
 
+def with_options(function: Function, *options: Callable[[Function], Function]) -> Function:
+    """A command with options, listed in the order of its help."""
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
 def output_options(function: Function) -> Function:
     """``--json``, ``--details`` and ``-v``: every verb has them."""
 
@@ -130,13 +137,14 @@ def output_options(function: Function) -> Function:
         ctx.obj.verbose = value
         return value
 
-    function = click.option("--json", "_json", is_flag=True, expose_value=False, help="One JSON object on stdout.")(function)
-    function = click.option(
-        "--details", is_flag=True, expose_value=False, callback=set_details, help="What does not fit on a screen, too."
-    )(function)
-    return click.option(
-        "-v", "--verbose", count=True, expose_value=False, callback=set_verbose, help="Say more on stderr; -vv for everything."
-    )(function)
+    return with_options(
+        function,
+        click.option(
+            "-v", "--verbose", count=True, expose_value=False, callback=set_verbose, help="Say more on stderr; -vv for everything."
+        ),
+        click.option("--details", is_flag=True, expose_value=False, callback=set_details, help="What does not fit on a screen, too."),
+        click.option("--json", "_json", is_flag=True, expose_value=False, help="One JSON object on stdout."),
+    )
 
 
 def _note_drive(ctx: click.Context, param: click.Parameter, value: str | None, *, needed: bool, of_run: bool) -> str | None:
@@ -169,59 +177,53 @@ def drive_options(function: Function, *, needed: bool = True, of_run: bool = Tru
     of_run : bool
         The run's, unless told.
     """
-    for decorate in reversed(
-        (
-            click.option(
-                "--drive",
-                metavar="DRIVE",
-                shell_complete=completion.drives,
-                callback=partial(_note_drive, needed=needed, of_run=of_run),
-                help="virtual, virtual:PLANT, can0, slcan:/dev/ttyACM0, serial:/dev/ttyUSB0, ... (`beltcomm drives` lists adapters).",
-            ),
-            click.option(
-                "--profile",
-                metavar="NAME",
-                shell_complete=completion.profiles,
-                help="Drive profile; recognised from the drive when left out.",
-            ),
-            click.option("--node", type=click.IntRange(1, 126), help="CANopen node; searched for when left out."),
-            click.option("--bitrate", type=click.IntRange(9_600, 1_000_000), help="Bit rate of the CAN bus, or of the RS-232 line."),
-            click.option(
-                "--sample-period",
-                "sample_period_s",
-                type=QuantityType("sample_period_s"),
-                help="Between two samples; the shortest that drive and bit rate allow when left out.",
-            ),
-            as_option("Virtual drive: play another maker's drive, epos4, akd, ... (`beltcomm drives`), or the facts in a .yaml file."),
-            click.option("--realtime", is_flag=True, help="Virtual drive: run at 1 kHz of real time, not as fast as possible."),
-            click.option(
-                "--bus-log",
-                is_flag=True,
-                expose_value=False,
-                callback=_note_bus_log,
-                help="Keep the bus's log for a virtual drive too (RUN/bus).",
-            ),
-            click.option("--seed", type=click.IntRange(0), help="Virtual drive: seed of everything random; equal seeds give equal runs."),
-        )
-    ):
-        function = decorate(function)
-    return function
+    return with_options(
+        function,
+        click.option(
+            "--drive",
+            metavar="DRIVE",
+            shell_complete=completion.drives,
+            callback=partial(_note_drive, needed=needed, of_run=of_run),
+            help="virtual, virtual:PLANT, can0, slcan:/dev/ttyACM0, serial:/dev/ttyUSB0, ... (`beltcomm drives` lists adapters).",
+        ),
+        click.option(
+            "--profile",
+            metavar="NAME",
+            shell_complete=completion.profiles,
+            help="Drive profile; recognised from the drive when left out.",
+        ),
+        click.option("--node", type=click.IntRange(1, 126), help="CANopen node; searched for when left out."),
+        click.option("--bitrate", type=click.IntRange(9_600, 1_000_000), help="Bit rate of the CAN bus, or of the RS-232 line."),
+        click.option(
+            "--sample-period",
+            "sample_period_s",
+            type=QuantityType("sample_period_s"),
+            help="Between two samples; the shortest that drive and bit rate allow when left out.",
+        ),
+        as_option("Virtual drive: play another maker's drive, epos4, akd, ... (`beltcomm drives`), or the facts in a .yaml file."),
+        click.option("--realtime", is_flag=True, help="Virtual drive: run at 1 kHz of real time, not as fast as possible."),
+        click.option(
+            "--bus-log",
+            is_flag=True,
+            expose_value=False,
+            callback=_note_bus_log,
+            help="Keep the bus's log for a virtual drive too (RUN/bus).",
+        ),
+        click.option("--seed", type=click.IntRange(0), help="Virtual drive: seed of everything random; equal seeds give equal runs."),
+    )
 
 
 def serving_options(function: Function) -> Function:
     """Options of the virtual drive that is served, and of how its time passes."""
-    for decorate in reversed(
-        (
-            click.option("--drive", default="virtual", metavar="DRIVE", help="virtual (when left out) or virtual:PLANT."),
-            click.option("--profile", metavar="NAME", help="reference (when left out) or cmmp-as."),
-            as_option("Play another maker's drive instead."),
-            click.option("--node", type=click.IntRange(1, 126), help="Its CANopen node number; 1 when left out."),
-            click.option("--seed", type=click.IntRange(0), help="Seed of its torque noise."),
-            click.option("--realtime", is_flag=True, help="Run at 1 kHz of the wall clock; else each SYNC is one period."),
-        )
-    ):
-        function = decorate(function)
-    return function
+    return with_options(
+        function,
+        click.option("--drive", default="virtual", metavar="DRIVE", help="virtual (when left out) or virtual:PLANT."),
+        click.option("--profile", metavar="NAME", help="reference (when left out) or cmmp-as."),
+        as_option("Play another maker's drive instead."),
+        click.option("--node", type=click.IntRange(1, 126), help="Its CANopen node number; 1 when left out."),
+        click.option("--seed", type=click.IntRange(0), help="Seed of its torque noise."),
+        click.option("--realtime", is_flag=True, help="Run at 1 kHz of the wall clock; else each SYNC is one period."),
+    )
 
 
 def machine_options(function: Function, *, needed: bool = True, of_run: bool = True) -> Function:
@@ -232,39 +234,37 @@ def machine_options(function: Function, *, needed: bool = True, of_run: bool = T
     needed : bool
         As in :func:`drive_options`.
     """
-    for decorate in reversed(
-        (
-            yes_option,
-            click.option("--dry-run", is_flag=True, help="Show the plan and move nothing."),
-            click.option("--home", is_flag=True, help="Let the drive search its zero first."),
-            click.option(
-                "--position", "position_m", type=QuantityType("position_m"), help="Where the carriage is now, when the drive has no zero."
-            ),
-            click.option(
-                "--first-motion-confirmed",
-                "first_motion",
-                metavar="SERIAL",
-                help="Serial number of a drive that beltcomm never moved: somebody has made sure of its first motion. --yes does not.",
-            ),
-            click.option(
-                "--hold-to-run",
-                "hold",
-                is_flag=False,
-                flag_value="key",
-                metavar="[=FD]",
-                callback=held_key,
-                help="The axis moves only while the space bar is held, or while a script writes to the file descriptor FD.",
-            ),
-            click.option(
-                "--longest",
-                "longest_s",
-                type=QuantityType("longest_s"),
-                help="How long a plan may move the axis that --yes answers for; 15min when left out.",
-            ),
-            click.option("--simulate-first", is_flag=True, help="Play the plan on a twin of the axis first; beyond a limit nothing moves."),
-        )
-    ):
-        function = decorate(function)
+    function = with_options(
+        function,
+        yes_option,
+        click.option("--dry-run", is_flag=True, help="Show the plan and move nothing."),
+        click.option("--home", is_flag=True, help="Let the drive search its zero first."),
+        click.option(
+            "--position", "position_m", type=QuantityType("position_m"), help="Where the carriage is now, when the drive has no zero."
+        ),
+        click.option(
+            "--first-motion-confirmed",
+            "first_motion",
+            metavar="SERIAL",
+            help="Serial number of a drive that beltcomm never moved: somebody has made sure of its first motion. --yes does not.",
+        ),
+        click.option(
+            "--hold-to-run",
+            "hold",
+            is_flag=False,
+            flag_value="key",
+            metavar="[=FD]",
+            callback=held_key,
+            help="The axis moves only while the space bar is held, or while a script writes to the file descriptor FD.",
+        ),
+        click.option(
+            "--longest",
+            "longest_s",
+            type=QuantityType("longest_s"),
+            help="How long a plan may move the axis that --yes answers for; 15min when left out.",
+        ),
+        click.option("--simulate-first", is_flag=True, help="Play the plan on a twin of the axis first; beyond a limit nothing moves."),
+    )
     return drive_options(function, needed=needed, of_run=of_run)
 
 
@@ -276,18 +276,15 @@ def writing_options(function: Function, *, needed: bool = True) -> Function:
     needed : bool
         As in :func:`drive_options`.
     """
-    for decorate in reversed(
-        (
-            partial(drive_options, needed=needed),
-            existing_run_option,
-            click.option("--save", is_flag=True, help="Make them permanent in the drive; else they hold until power-off."),
-            yes_option,
-            click.option("--dry-run", is_flag=True, help="Show what would be written and write nothing."),
-            output_options,
-        )
-    ):
-        function = decorate(function)
-    return function
+    return with_options(
+        function,
+        partial(drive_options, needed=needed),
+        existing_run_option,
+        click.option("--save", is_flag=True, help="Make them permanent in the drive; else they hold until power-off."),
+        yes_option,
+        click.option("--dry-run", is_flag=True, help="Show what would be written and write nothing."),
+        output_options,
+    )
 
 
 def _targets(ctx: click.Context, _param: click.Parameter, values: tuple[str, ...]) -> dict[str, Any]:
@@ -358,7 +355,7 @@ prefilter_option = click.option(
 ASKED = ("phase_margin_deg", "suppression_db", "position_phase_margin_deg", "notch_db", "butterworth_db", "velocity_filters_s")
 
 
-def specification_options(command: Callable[..., Any]) -> Callable[..., Any]:
+def specification_options(command: Function) -> Function:
     """The three knobs of the design source (4.4), all at once or one by one, the depths of its prefilters and T_R."""
     demand = click.option(
         "--demand",
@@ -376,9 +373,7 @@ def specification_options(command: Callable[..., Any]) -> Callable[..., Any]:
         )
     ]
     lag = click.option("--velocity-filter", ASKED[5], type=QuantityType("velocity_filter_s"), help="T_R; the best of six when left out.")
-    for option in reversed([demand, *knobs, lag]):
-        command = option(command)
-    return command
+    return with_options(command, demand, *knobs, lag)
 
 
 def specification_of(given: dict[str, Any]) -> Specification | None:

@@ -43,7 +43,6 @@ from beltcomm.machine.hardware import Hardware
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.recording.sidecar import Sidecar
 from beltcomm.rundata import analyse
 from beltcomm.rundata.delays import assume_delay, delay, measure_delay_and_damping
 from beltcomm.rundata.findings import Apply as Apply
@@ -380,14 +379,7 @@ def measure_friction(
     if machine.folder.finished(name) is None and not phases.room_to_sweep(machine, model, speeds_m_s):
         phases.move_to(machine, phases.stroke_ends(machine)[0], model)
     strokes = phases.sweep(machine, model, speeds_m_s, longest_s)
-    sidecar = Sidecar(
-        experiment="friction_sweep",
-        start_position_m=machine.position_m,
-        session_time_s=machine.session_time_s,
-        closed_loop=True,
-        held_out=held_out,
-        extra=own_strokes.note(machine),
-    )
+    sidecar = phases.sidecar(machine, "friction_sweep", held_out=held_out, extra=own_strokes.note(machine))
     return machine.record(name, machine.follow(strokes.trajectory, machine.stroking()), phases.untuned_envelope(machine), sidecar)
 
 

@@ -19,7 +19,6 @@ from beltcomm.experiments.recentre import stands
 from beltcomm.identify.amplitude import family_around
 from beltcomm.machine.machine import Envelope, Machine
 from beltcomm.model import Model
-from beltcomm.recording.sidecar import Sidecar
 from beltcomm.rundata.delays import delay
 from beltcomm.rundata.findings import Findings
 from beltcomm.simulate.stopping import REACTION_PERIODS, SWING, Braking, rigid_deceleration, total_friction, total_viscous
@@ -159,13 +158,7 @@ def _verified(machine: Machine, findings: Findings, model: Model, cascade: Casca
     phases.move_to(machine, float(path.position_m[0]), model)
     along = with_dwell(path, REST_S)
     beside = replace(along, position_m=along.position_m + machine.position_m - float(path.position_m[0]))
-    sidecar = Sidecar(
-        experiment="trajectory",
-        start_position_m=machine.position_m,
-        session_time_s=machine.session_time_s,
-        closed_loop=True,
-        held_out=True,
-    )
+    sidecar = phases.sidecar(machine, "trajectory", held_out=True)
     recording = machine.record(MOVE, machine.follow(beside, "position"), phases.untuned_envelope(machine), sidecar)
     designed = predict_move(model, cascade, along, verification.in_drive(machine, delay(findings)))
     verdict = judge(recording, machine.ratio, designed)

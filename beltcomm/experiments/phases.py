@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from beltcomm.machine.heat import Thermal
 from beltcomm.machine.machine import Envelope, Machine, stroking
 from beltcomm.model import Model
 from beltcomm.recording import Recording
+from beltcomm.recording.sidecar import Sidecar
 from beltcomm.rundata import analyse
 from beltcomm.rundata.first_motions import Breakaway
 from beltcomm.schedule.sequences import HARDLY, calmer_choice, excitation_travel_m, held_choice
@@ -352,6 +353,11 @@ def untuned_envelope(machine: Machine) -> Envelope:
     if own_strokes.kpp_1_s(machine) < np.inf:
         return replace(envelope, lag_m=LOST_M + own_strokes.LAG_M)
     return replace(envelope, lag_m=min(LOST_M, stroke_ends(machine)[0] - envelope.window_m[0]))
+
+
+def sidecar(machine: Machine, experiment: str, **more: Any) -> Sidecar:
+    """Sidecar of a record in closed loop that begins where and when the machine is."""
+    return Sidecar(experiment, machine.position_m, machine.session_time_s, closed_loop=True, **more)
 
 
 def gentle_limits(machine: Machine, model: Model, speed_m_s: float) -> TrajectoryLimits:

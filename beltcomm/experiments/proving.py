@@ -29,7 +29,6 @@ from beltcomm.identify.led_gains import gain_factors
 from beltcomm.machine.machine import Machine
 from beltcomm.machine.prediction_watch import BELT_BEYOND
 from beltcomm.model import Model
-from beltcomm.recording.sidecar import Sidecar
 from beltcomm.rundata import calibration, led_gains
 from beltcomm.rundata.led_gains import as_in_drive
 from beltcomm.rundata.proof import LEARNT, move_name, proof
@@ -179,14 +178,8 @@ def verify_move(
     beside = replace(sent.motor, position_m=sent.motor.position_m + machine.position_m - start)
     led_by: str = "" if sent.led is None and sent.reference is None else sending
     led_by = LEARNT if learnt is not None else led_by
-    sidecar = Sidecar(
-        experiment="trajectory",
-        start_position_m=machine.position_m,
-        session_time_s=machine.session_time_s,
-        closed_loop=True,
-        held_out=True,
-        controller=proof(cascade, trajectory, payloads_kg, led_by),
-    )
+    noted = proof(cascade, trajectory, payloads_kg, led_by)
+    sidecar = phases.sidecar(machine, "trajectory", held_out=True, controller=noted)
     motion = machine.follow(beside, "position", sent.torque_nm, None if sent.reference is None else sent.reference.lead_m)
     recording = machine.record(name, motion, replace(machine.envelope(), lag_m=lag), sidecar)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -172,16 +173,10 @@ def admissible(machine: Machine, model: Model, start: float, end: float, limits:
     broken = broken_limits(machine, model, plan_trajectory(start, end, limits, period), spare)
     if not broken:
         return limits, ""
-    low, high = 0.0, 1.0
-    for _ in range(20):
-        middle = 0.5 * (low + high)
-        if broken_limits(machine, model, plan_trajectory(start, end, limits.slower(middle), period), spare):
-            high = middle
-        else:
-            low = middle
-    if low == 0.0:
+    pace = _fastest_pace(lambda pace: broken_limits(machine, model, plan_trajectory(start, end, limits.slower(pace), period), spare))
+    if pace == 0.0:
         raise Refused(f"no move from {start:g} m to {end:g} m keeps the limits: {'; '.join(broken)}")
-    return limits.slower(low), f"the move was slowed down, because at the speed asked for {'; '.join(broken)}"
+    return limits.slower(pace), f"the move was slowed down, because at the speed asked for {'; '.join(broken)}"
 
 
 def leads(drive: Drive, axis: Axis, cascade: Cascade) -> bool:
@@ -388,19 +383,23 @@ def refuse_broken(machine: Machine, model: Model, trajectory: Trajectory) -> Non
 
 def _fastest(machine: Machine, model: Model, trajectory: Trajectory) -> str:
     """Uniformly slower version of a refused move that would be admissible, in words."""
+    one = trajectory
+
+    def broken(pace: float) -> list[str]:
+        slower = Trajectory(one.t_s / pace, one.position_m, one.velocity_m_s * pace, one.acceleration_m_s2 * pace**2)
+        return broken_limits(machine, model, slower)
+
+    pace = _fastest_pace(broken)
+    return f"; the same move stretched from {one.duration_s:.3f} s to {one.duration_s / pace:.3f} s is admissible" if pace else ""
+
+
+def _fastest_pace(broken: Callable[[float], list[str]]) -> float:
+    """Largest share of the pace with which nothing is broken, to a millionth; 0 for none."""
     low, high = 0.0, 1.0
     for _ in range(20):
         middle = 0.5 * (low + high)
-        slower = Trajectory(
-            trajectory.t_s / middle,
-            trajectory.position_m,
-            trajectory.velocity_m_s * middle,
-            trajectory.acceleration_m_s2 * middle**2,
-        )
-        if broken_limits(machine, model, slower):
+        if broken(middle):
             high = middle
         else:
             low = middle
-    if low == 0.0:
-        return ""
-    return f"; the same move stretched from {trajectory.duration_s:.3f} s to {trajectory.duration_s / low:.3f} s is admissible"
+    return low

@@ -176,15 +176,8 @@ def _possible(machine: Machine, model: Model, order: str, asked: Wanted) -> tupl
 def _recorded(machine: Machine, path: Trajectory, note: SweepNote, asked: Wanted) -> str:
     """One record; its name."""
     name = next_free(RECORDS, machine.folder.finished_names())
-    sidecar = Sidecar(
-        experiment="friction_sweep",
-        start_position_m=machine.position_m,
-        session_time_s=machine.session_time_s,
-        closed_loop=True,
-        held_out=_judges(machine.folder),
-        payload_kg=asked.mounted_kg,
-        extra=note.to_dict(),
-    )
+    told = {"held_out": _judges(machine.folder), "payload_kg": asked.mounted_kg, "extra": note.to_dict()}
+    sidecar = phases.sidecar(machine, "friction_sweep", **told)
     machine.record(name, machine.follow(path, machine.stroking()), phases.untuned_envelope(machine), sidecar)
     return name
 
