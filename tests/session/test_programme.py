@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from beltcomm.axis import Axis, load_axis
+from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.drive import Capabilities, open_drive
 from beltcomm.excitation import choose_prbs, prbs
 from beltcomm.experiments import detectability, phases
 from beltcomm.experiments import detectability as foresight
 from beltcomm.experiments.bounds import bounds_of, course_before
 from beltcomm.experiments.detectability import Detectability, foresee, lines_of
-from beltcomm.experiments.execute_step import holding_at, quieter
+from beltcomm.experiments.execute_step import at_place, holding_at, quieter
 from beltcomm.experiments.options import Options
 from beltcomm.experiments.paths import path_of, start_of
 from beltcomm.experiments.plan import Plan, commission_plan
@@ -27,7 +30,9 @@ from beltcomm.schedule import record_schedule
 from beltcomm.schedule.record_schedule import BUDGET_S, BY_EXTENT, STANDARD, THOROUGH, Extent, Item, fitting_records, named_steps
 from beltcomm.schedule.sequences import calmer_choice
 from beltcomm.schedule.steps import Step
+from beltcomm.schedule.strokes import sweep_strokes
 from beltcomm.simulate.forward import simulate_torque
+from session.conftest import Complete
 
 AXIS = load_axis("egc-70-600")
 STEPS = [item.step for item in (*STANDARD, *THOROUGH)]
@@ -223,3 +228,25 @@ def test_the_default_plan_says_what_its_records_could_name_and_keeps_it(
     assert found.times == 2, "another encoder sees other things"
     foresight.with_detectability(bare, AXIS, capabilities, Options())
     assert found.times == 2, "two drives in turn are both known"
+
+
+def test_strokes_fit_into_a_short_travel_however_slowly_their_acceleration_rises() -> None:
+    """Limits of the same path with its time stretched: acceleration over jerk grows as they fall."""
+    limits = TrajectoryLimits(jerk_m_s3=20.0 * 9.0, acceleration_m_s2=9.0, speed_m_s=2.8)
+    for share in phases.STOPPABLE_SHARES:
+        sent = sweep_strokes(0.026, 0.4, limits.slower(share), 1e-3).trajectory
+        assert 0.0 < np.abs(sent.velocity_m_s).max() <= 0.8 * share * 2.8
+        assert (sent.position_m.min(), sent.position_m.max()) == pytest.approx((0.026, 0.4), abs=1e-3)
+
+
+def test_a_response_is_planned_with_the_stiffness_that_the_belt_has_at_its_place(complete: Complete) -> None:
+    """EA/l1 + EA/(2 l3 - l1), from where the first response was made, in the middle; without its lengths it stays as it is."""
+    machine: Any = SimpleNamespace(axis=AXIS, folder=complete.folder)
+    found_m = complete.folder.recording("frf_1").sidecar.start_position_m
+    assert found_m is not None
+    model = data_sheet_model(AXIS, found_m, 0.1).with_values({"belt_stiffness.stiffness": 2e5})
+    shares = [1.0 / (0.05 + x) + 1.0 / (1.58 - 0.05 - x) for x in (0.02, found_m)]
+    assert at_place(machine, model, 0.02)["belt_stiffness.stiffness"] == pytest.approx(2e5 * shares[0] / shares[1])
+    assert at_place(machine, model, found_m) == model
+    machine.axis = replace(AXIS, travel=replace(AXIS.travel, driven_side_offset_m=0.0))
+    assert at_place(machine, model, 0.02) == model

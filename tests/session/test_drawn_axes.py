@@ -1,0 +1,23 @@
+"""Belt axes drawn at random whose commissioning ended wrongly once; others: ``benchmarks/drawn_axes.py``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from session.drawn_axis import commissioned
+
+
+@pytest.mark.examination
+@pytest.mark.parametrize(
+    "seed",
+    [
+        202,  # wandered out of what was foreseen in each of three responses
+        204,  # swings so fast that position and speed seemed to contradict each other
+        210,  # its strokes did not fit into its travel, then it left that with a weak first loop
+    ],
+)
+def test_a_drawn_axis_is_commissioned(seed: int, tmp_path: Path) -> None:
+    row = commissioned(seed, tmp_path, 200.0)
+    assert row["right"], row
