@@ -38,7 +38,8 @@ class Odometer:
     """The scale between the smoothed rates of position and the reported speeds,  k = Σ φ' v Δt / Σ v² Δt,  over every 4 rad of way.
 
     It goes on from record to record, for an excitation alone is often shorter: :meth:`begin` before each, after which it stood.
-    A speed that the drive has filtered with a first-order lag F leaves k as it is: Re F = |F|² at every frequency.
+    A speed that the drive has filtered with a first-order lag F leaves k as it is: Re F = |F|² at every frequency.  That holds over whole
+    motions, so half of each sum goes on into the next: a filter shows the motion before while the axis stops.
 
     Parameters
     ----------
@@ -82,7 +83,8 @@ class Odometer:
                 "jumped; the axis was stopped; check 6093h and 6094h, or 608Fh, 6091h, 6092h and 60A9h with the maker's tool, "
                 "position_unit and velocity_unit in the profile, and the encoder's cable"
             )
-        self._way = self._time_s = self._both = self._square = 0.0
+        self._way = self._time_s = 0.0
+        self._both, self._square = 0.5 * self._both, 0.5 * self._square
 
 
 #: Units that a record does not tell apart: within this factor of each other.
