@@ -336,8 +336,8 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
 
 
 def lags_behind(machine: Machine, kind: str, problem: SafetyStop) -> bool:
-    """True if a path left behind a first loop, too weak for what its feedforward does not know yet; the axis stands then."""
-    return kind != "response" and problem.reason == "lag" and stands(machine)
+    """True if a path left behind or overshot a first loop, too weak for what its feedforward does not know yet; the axis stands then."""
+    return kind != "response" and problem.reason in ("lag", "position") and stands(machine)
 
 
 def quick_sweep(machine: Machine, findings: Findings, model: Model) -> None:

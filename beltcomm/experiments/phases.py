@@ -71,6 +71,8 @@ LOUDER = 1.05
 #: drive allow which a reference may use: what overshoots it must not be stopped.
 LOST_M = 5e-2
 SPEED_SHARE = 0.95
+#: Share of what strokes leave free at the ends that a loop which is not tuned yet must not use.
+LAST_BIT = 0.25
 #: Share of the belt's force that motions take which nobody asked for.
 GENTLE_SHARE = 1.0 / 3.0
 
@@ -345,14 +347,15 @@ def _feel_loop(machine: Machine, target_m: float, model: Model, slow_m_s: float)
 
 
 def untuned_envelope(machine: Machine) -> Envelope:
-    """The whole axis for a loop that is not tuned yet, which may be no further off its reference than that stays from the ends.
+    """The axis for a loop that is not tuned yet, without the last bit at its ends: what overshoots its strokes is to stop on the axis.
 
     The drive's own window counts motor revolutions, whatever the gearbox.
     """
-    envelope = machine.envelope()
-    if own_strokes.kpp_1_s(machine) < np.inf:
-        return replace(envelope, lag_m=LOST_M + own_strokes.LAG_M)
-    return replace(envelope, lag_m=min(LOST_M, stroke_ends(machine)[0] - envelope.window_m[0]))
+    envelope, ends = machine.envelope(), stroke_ends(machine)
+    low, high = (whole + LAST_BIT * (turn - whole) for whole, turn in zip(envelope.window_m, ends, strict=True))
+    if low < machine.position_m < high:
+        envelope = replace(envelope, window_m=(low, high))
+    return replace(envelope, lag_m=LOST_M + own_strokes.LAG_M * (own_strokes.kpp_1_s(machine) < np.inf))
 
 
 def sidecar(machine: Machine, experiment: str, **more: Any) -> Sidecar:
