@@ -127,13 +127,16 @@ def _fit_base(
         if chain is not None and not chain.delayed and fitted.ratio > ROUGH:
             data, fitted = _or_by_reading(data, fitted, start, fixed)
     progress(0.7)
-    split = split_noise(data, fitted)
-    if split is not None:
+    for _ in range(ROUNDS):  # the noise as another path leaves it is another one
+        split = split_noise(data, fitted)
+        if split is None:
+            break
         quieter = split.sensor_nm < CALMER * data.noise_nm
         data = replace(data, noise_nm=split.sensor_nm, colour=split.colour, path=replace(data.path, acts=split.acts, process=split.process))
-        if quieter and path is None:  # the motion tells more of the path now
-            data, fitted = refine_path(*refit_with_rebuilt_motion(data, fitted, NEXT_ITERATIONS, fixed=fixed))
-    elif chain is None or commanded:
+        if not quieter or path is not None:
+            break
+        data, fitted = refine_path(*refit_with_rebuilt_motion(data, fitted, NEXT_ITERATIONS, fixed=fixed))  # the motion tells more of it now
+    if split is None and (chain is None or commanded):
         data, fitted = _as_quiet_as_it_is(data, fitted, fixed)
         data = with_likeliest_colour(data, fitted, _residuals(fitted))
     if fitted.ratio < ROUGH and is_mostly_rounding(data, fitted.model):

@@ -123,10 +123,12 @@ def by_path(data: Data, model: Model, path: TorquePath) -> Data:
 
 
 def _free_delays(path: TorquePath) -> tuple[int, ...]:
-    """Delays that are fitted: one that is not whole, and both where the reading's is not, for it hides a part of the drive's."""
-    delays = _delays(path)
-    late = [abs(delay - round(delay)) > WHOLE for delay in delays]
-    return tuple(place for place in (0, 1) if late[place] or (place == 0 and late[1] and delays[0] > WHOLE))
+    """Delays that are fitted: the drive's where it is not whole, and both where the reading is late.
+
+    Setpoint and reading tell the sum; of that a part of a period may lie on either side of the torque, also where it is whole.
+    """
+    before, late = _delays(path)
+    return (*((0,) if before > WHOLE and (late > WHOLE or abs(before - round(before)) > WHOLE) else ()), *((1,) if late > WHOLE else ()))
 
 
 def _most(path: TorquePath, values: Array) -> Array:

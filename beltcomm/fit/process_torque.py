@@ -58,6 +58,25 @@ class ProcessTorque:
         return math.exp(-sample_s / self.time_s) if self.time_s > 0.0 else 0.0
 
 
+@dataclass(frozen=True)
+class Unread:
+    """Torque that acts, and of which what is taken for the torque that acts has a part only.
+
+    Attributes
+    ----------
+    share : float
+        Its variance over that of the noise.
+    pole : float
+        ρ.
+    answer : tuple of float
+        Of what is taken for the torque to one that acts over a sample; () where it is not read at all.
+    """
+
+    share: float
+    pole: float
+    answer: tuple[float, ...] = ()
+
+
 def correlation_time(pole: float, deviation: float, sample_s: float) -> tuple[float, float]:
     """τ of a pole, s, and one standard deviation of it.
 

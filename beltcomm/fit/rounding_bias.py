@@ -8,32 +8,44 @@ The whitening filter W of a segment is worked out once, for a model near the rig
 small an inertia and a too soft belt: regression on noisy regressors.  |W e|²/n - (v(x) - v(x₀)) has its minimum, in the mean, at the
 truth, whatever the torque was; it is the whitened form of least squares corrected for noise in the regressors.
 
+Torque p that acts and is not read, or a part L of it only, moves the machine, and is in the angle: with the plant's own T(x₀)
+
+    h_p(x) = W (T(x)/T(x₀) - L) c,   c : its colour,    over all frequencies,
+
+is a row of v like those of the rounding.  Without it the squares are least where the residual has less of p: at too light a machine.
+
 That holds near x₀.  Where rounding is most of the noise every model is judged by the filter W(x) for its own noise instead: v = 1
 whatever x, so nothing is taken off.  Either way the squares of ∂(W T)/∂x δ_m are no information, and are taken off that.
-Source: Fuller, Measurement Error Models, 1987, section 3.1.
+Source: Fuller, Measurement Error Models, 1987, section 3.1; for p, whose slope is that of ln det T where W whitens it, Whittle (1953).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled
 from beltcomm.fit.noise_path import NoisePath, noise_path, stiffness_levels
+from beltcomm.fit.process_torque import Unread
 from beltcomm.fit.segment import Segment
 from beltcomm.fit.whitening import gains_of, noises
 from beltcomm.model import Model
 from beltcomm.model.mounted import Mounted, loaded_model
 
 Array = NDArray[np.float64]
+Complex = np.ndarray[Any, np.dtype[np.complex128]]
 #: Place, m, sampling period, s, and load of a record.
 Where = tuple[float, float, Mounted | None]
 
 #: Samples in which the gains settle; longest response that is followed; share of the response's squares that ends it over a block.
 SETTLING, LONGEST, BLOCK, NEGLIGIBLE = 600, 6000, 100, 1e-7
+#: Frequencies, around the circle, of torque that acts unread.
+POINTS = 2048
+AROUND = np.exp(2j * np.pi * np.arange(1, POINTS // 2) / POINTS)
 #: Variance that rounding adds, that of the residual being 1, beyond which a model does not hold its bodies; near the right one it is
 #: less than 1.
 ABSURD = 1e6
@@ -69,6 +81,7 @@ class RoundingBias:
                 segment.group,
                 segment.colour,
                 segment.own_noise,
+                segment.unread,
                 id(references[i]),
             )
             if key not in known:
@@ -127,6 +140,7 @@ class _Kind:
         self._known: dict[int, tuple[NoisePath, Array]] = {}
         here = path_at(model, self.where)
         self.filter = self._filter(here)
+        self.unread = None if segment.own_noise or segment.unread is None else (self._weight(segment.unread), transfer(here))
         self.start = self.power(here)
 
     def _filter(self, plain: NoisePath) -> tuple[NoisePath, Array, float]:
@@ -149,10 +163,25 @@ class _Kind:
                 length = _impulse_response(path.F, path.G[:, m].copy(), path.H, float(path.D[m]), known.F, known.H, gains, out)
                 size = np.sqrt(variance) / (deviation * np.sqrt(segment.group))
                 parts.append(np.convolve(out[:length], np.ones(segment.group)) * size)
+            if self.unread is not None and segment.unread is not None:
+                weight, own = self.unread
+                shown = weight * (transfer(plain) / own - np.polyval(np.array(segment.unread.answer)[::-1], 1.0 / AROUND))
+                parts += [shown.real, shown.imag]
             used = max(len(part) for part in parts)
             found = plain, np.stack([np.concatenate((part, np.zeros(used - len(part)))) for part in parts])
             self._known = {id(plain): found} if len(self._known) > 40 else {**self._known, id(plain): found}
         return found[1]
+
+    def _weight(self, unread: Unread) -> Complex:
+        """W c of the module, grouped as the residual is, at :data:`AROUND`."""
+        segment = self.segment
+        path, gains, deviation = self.filter
+        plain = np.linalg.eigvals(path.F), np.linalg.eigvals(path.F - np.outer(gains, path.H))
+        white = at_roots(plain[0]) / at_roots(plain[1]) / deviation
+        grouped = np.polyval(np.ones(segment.group), AROUND) / math.sqrt(segment.group)
+        mean = 0.5 * (1.0 + 1.0 / AROUND)  # the residual has that of two periods
+        own = segment.noise_nm * math.sqrt(unread.share * (1.0 - unread.pole**2)) / (1.0 - unread.pole / AROUND)
+        return np.asarray(white * grouped * mean * own * math.sqrt(2.0 / POINTS))
 
     def power(self, path: NoisePath) -> float:
         """v of the module; inf where the model does not hold its bodies."""
@@ -168,6 +197,17 @@ def path_at(model: Model, where: Where) -> NoisePath:
     """Noise path at a place, m, with a sampling period, s, and the load of a record."""
     place_m, sample_s, mounted = where
     return noise_path(loaded_model(model, mounted), place_m, sample_s)
+
+
+def transfer(path: NoisePath) -> Complex:
+    """T at :data:`AROUND`, from the rounding to the residual."""
+    zeros = np.linalg.eigvals(path.F - np.outer(path.G[:, 0], path.H) / path.D[0])
+    return np.asarray(path.D[0] * at_roots(zeros) / at_roots(np.linalg.eigvals(path.F)))
+
+
+def at_roots(roots: Complex) -> Complex:
+    """Π (1 - root/z) at :data:`AROUND`."""
+    return np.asarray(np.prod(1.0 - roots[:, None] / AROUND, axis=0))
 
 
 def _pad(rows: Array, length: int) -> Array:

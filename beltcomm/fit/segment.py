@@ -23,6 +23,7 @@ from beltcomm.fit.decimation import decimate, decimate_torque, decimated_noise, 
 from beltcomm.fit.moving import creep_motion, creeping_samples, resting_samples, run_in_samples, samples_between_counts
 from beltcomm.fit.noise_colour import WHITE_NOISE, NoiseColour
 from beltcomm.fit.noise_path import NoiseSchedule, way
+from beltcomm.fit.process_torque import Unread
 from beltcomm.fit.observer import Observation, Observer, innovations, needs_observer, tuned_observers, untuned_observer
 from beltcomm.fit.reversals import LEVEL, motion_through_reversals, turns_at_once
 from beltcomm.fit.slack import stiffness_left
@@ -110,6 +111,8 @@ class Segment:
         Factor on the noise of a segment that was decimated.
     own_noise : bool
         Whether every model is judged in the noise that it passes on itself, for rounding is most of it; else in the reference's.
+    unread : Unread or None
+        Torque that acts and is not all in ``torque``.
     """
 
     record: str
@@ -132,6 +135,7 @@ class Segment:
     colour: NoiseColour = WHITE_NOISE
     noise_factor: float = 1.0
     own_noise: bool = False
+    unread: Unread | None = None
     #: Whiteners of the models that were judged last, each in its own noise.
     known: dict[tuple[tuple[str, ...], bytes], Whitener] = field(init=False, repr=False, compare=False, default_factory=dict)
 
@@ -325,6 +329,7 @@ def segments(
                 turns=turns,
                 colour=acting_noise(path, colour, own, every),
                 noise_factor=noise_factor,
+                unread=path.unread(colour, own) if every == 1 or path.commanded else None,
             )
         )
     return pieces

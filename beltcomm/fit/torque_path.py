@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from beltcomm.compiled import compiled
 from beltcomm.fit.deconvolution import deconvolve, undone_noise
 from beltcomm.fit.noise_colour import NoiseColour
-from beltcomm.fit.process_torque import ProcessTorque, process_from_dict, process_to_dict, with_unread
+from beltcomm.fit.process_torque import ProcessTorque, Unread, process_from_dict, process_to_dict, with_unread
 from beltcomm.simulate.intersample import CELLS, Intersample
 
 Array = NDArray[np.float64]
@@ -384,10 +384,30 @@ class TorquePath:
 
     def _beside_setpoint(self, pole: float, sample_s: float) -> NoiseColour:
         """Colour of the noise of a reading that is taken as it is, with what it misses of a process torque."""
-        if self.process is None or self.commanded or self.reading.faithful or not 0.0 < self.acts < 1.0:
+        unread = self.unread(pole, sample_s)
+        if unread is None or self.commanded:
             return NoiseColour(pole)
-        share = self.acts / (1.0 - self.acts)
-        return with_unread(self.read_pulse(sample_s), self._reading_poles(sample_s), pole, self.process.pole(sample_s), share)
+        return with_unread(np.array(unread.answer), self._reading_poles(sample_s), pole, unread.pole, unread.share)
+
+    def unread(self, pole: float, sample_s: float) -> Unread | None:
+        """What acts and is not all read; None where it is, or where nothing tells of any.
+
+        Parameters
+        ----------
+        pole : float
+            Of the reading's noise; of a command it is that of what acts.
+        sample_s : float, s
+            Sampling period.
+
+        Returns
+        -------
+        Unread or None
+        """
+        if self.commanded:
+            return Unread(1.0, pole)
+        if self.process is None or self.drive is None or self.reading.faithful or not 0.0 < self.acts < 1.0:
+            return None
+        return Unread(self.acts / (1.0 - self.acts), self.process.pole(sample_s), tuple(map(float, self.read_pulse(sample_s))))
 
     def read_pulse(self, sample_s: float) -> Array:
         """Answer of the reading to a torque that acts over one sample, until it has died away.

@@ -7,7 +7,7 @@ wrong noise look like a delay, a lag or a second pulley.  Without an excited rec
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -28,6 +28,7 @@ FAST_SLOTS = ("torque_delay", "torque_reading", "belt_law", "body", "element")
 SLOTS = {effect.name: effect.slot for effect in EFFECTS}
 #: Slots of effects that a drive has as well, between setpoint, torque and reading; error over the noise up to which it may be all of it.
 DRIVE_SLOTS, FAR_OFF_BASE = ("torque_delay", "torque_reading"), 10.0
+OF_DRIVE = frozenset(name for name, slot in SLOTS.items() if slot in DRIVE_SLOTS)
 #: Share of the sampling rate up to which a resonance is sampled well enough.
 SWING_SAMPLED = 0.2
 #: Error over the noise up to which the noise of strokes alone explains it: simulated healthy machines read 0.93 to 1.17 there.
@@ -42,23 +43,23 @@ def restrict_to_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tupl
     if doubt and found.verdict != "partly explained":
         left = unexplained_words({one.name: one.plain for one in compare(found.data, found.final_fit).records})
         return replace(found, verdict="cannot tell"), [doubt, *([left] if left else [])]
-    if found.data.path.commanded and all(SLOTS.get(name) in DRIVE_SLOTS for name in found.added_effects):
-        return without_names(found), [commanded_only_words(found)]
+    if found.data.path.commanded and ends_at_drive(found):
+        return without_names(found, OF_DRIVE), [commanded_only_words(found)]
     sentence = "" if found.verdict == "explained" or acts_slowly(found) else undersampling_remark(found.base.model, recordings)
-    sentence = sentence or unknown_delivery(found, recordings)
     if sentence and found.verdict != "nothing missing":
         return without_names(found), [sentence]
+    sentence = unknown_delivery(found, recordings)
+    if sentence and found.verdict != "nothing missing":
+        return without_names(found, OF_DRIVE), [sentence]
     unnamed = not_named(found.base.model, recordings)
     if not unnamed:
         return found, []
-    for number, step in enumerate(found.steps):
-        if step.added in unnamed:
-            kept = (*found.steps[:number], Stage(step.before, step.candidates, "", (), step.before))
-            sentence = (
-                f"{step.added} fits best, but no record is excited: strokes and moves hardly contain the frequencies at which it acts, so "
-                "it is not named. Record an excitation (frf) and ask again."
-            )
-            return replace(found, steps=kept, verdict="cannot tell", twins=()), [sentence]
+    if name := next((step.added for step in found.steps if step.added in unnamed), ""):
+        sentence = (
+            f"{name} fits best, but no record is excited: strokes and moves hardly contain the frequencies at which it acts, so "
+            "it is not named. Record an excitation (frf) and ask again."
+        )
+        return without_names(found, unnamed), [sentence]
     if found.verdict == NONE_EXPLAINS and found.final_fit.ratio < UNDECIDED:
         sentence = (
             f"An error of {found.final_fit.ratio:.2f} times the noise may be the noise itself: it is known to some "
@@ -74,11 +75,20 @@ def acts_slowly(found: Diagnosis) -> bool:
     return bool(found.added_effects) and SLOTS.get(found.added_effects[0], FAST_SLOTS[0]) not in FAST_SLOTS
 
 
-def without_names(found: Diagnosis) -> Diagnosis:
-    """The diagnosis with nothing added and no verdict."""
-    first = found.steps[0] if found.steps else None
-    kept = (Stage(first.before, first.candidates, "", (), first.before),) if first is not None else ()
-    return replace(found, steps=kept, verdict="cannot tell", twins=(), data=found.first)
+def ends_at_drive(found: Diagnosis) -> bool:
+    """True where nothing is named, or something that a drive has as well."""
+    return not found.added_effects or not OF_DRIVE.isdisjoint(found.added_effects)
+
+
+def without_names(found: Diagnosis, untold: Container[str] = SLOTS) -> Diagnosis:
+    """The diagnosis as it was before the first of some effects was added, with no verdict.
+
+    What was added before stands, what came after was found beside a name that does not.
+    """
+    number = next((number for number, step in enumerate(found.steps) if not step.added or step.added in untold), len(found.steps))
+    kept = tuple(Stage(step.before, step.candidates, "", (), step.before) for step in found.steps[number : number + 1])
+    data = found.data if number else found.first
+    return replace(found, steps=(*found.steps[:number], *kept), verdict="cannot tell", twins=(), data=data)
 
 
 def commanded_only_words(found: Diagnosis) -> str:
@@ -110,14 +120,13 @@ def undersampling_remark(model: Model, recordings: Sequence[Recording]) -> str:
 
 
 def unknown_delivery(found: Diagnosis, recordings: Sequence[Recording]) -> str:
-    """That an error may be how the drive delivers and reads its torque, in words; "" where setpoints tell or another name stands."""
-    effects = {effect.name: effect for effect in EFFECTS}
-    named = [effects[name] for name in found.added_effects if name in effects]
+    """That an error may be how the drive delivers and reads its torque, in words; "" where setpoints tell or only other names stand."""
     told = any(r.torque_setpoint is not None for r in recordings) or recordings[0].side == "load"
-    if told or (named and named[0].slot not in DRIVE_SLOTS) or found.base.ratio > FAR_OFF_BASE:
+    if told or not ends_at_drive(found) or found.base.ratio > FAR_OFF_BASE:
         return ""
     error = f"an error of {found.base.ratio:.2f} times the noise"
-    hint = f"; {named[0].name} fits best" if named else ""
+    named = next((name for name in found.added_effects if name in OF_DRIVE), "")
+    hint = f"; {named} fits best" if named else ""
     return (
         f"Without the torque setpoint {error} cannot be told from a delay or a filter in the drive or in its torque reading{hint}. Record "
         "torque_setpoint_nm too and ask again."

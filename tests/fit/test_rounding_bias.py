@@ -15,7 +15,7 @@ from beltcomm.fit.model_fit import ModelFit, fit_model
 from beltcomm.fit.records import prepare_records
 from beltcomm.fit.rounding_bias import RoundingBias
 from beltcomm.fit.segment import evaluate
-from beltcomm.fit.torque_path import FAITHFUL
+from beltcomm.fit.torque_path import FAITHFUL, DriveLaw, TorquePath
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar
@@ -23,6 +23,7 @@ from beltcomm.recording.sidecar import Sidecar
 Array = NDArray[np.float64]
 SAMPLE_S, COUNTS, NOISE_NM = 1e-3, 4000, 10e-3
 STEP_RAD = math.tau / COUNTS
+PROCESS_NM = 10e-3
 INERTIA, VISCOUS, COULOMB = 1.2e-4, 7e-5, 0.03
 
 
@@ -31,31 +32,36 @@ def model(inertia: float = INERTIA) -> Model:
     return build_model("rigid", ("viscous", "coulomb"), values, base_bodies=("motor",))
 
 
-def turned(seed: int, seconds: float = 10.0) -> Recording:
+def turned(seed: int, seconds: float = 10.0, step_rad: float = STEP_RAD, process_nm: float = 0.0) -> Recording:
     """A rigid motor under ±0.045 N m of torque that turns round every 2.5 s, and a square of 0.01 N m and 6 Hz besides.
+
+    With a process torque, N m rms, the reading is only the command, without it.
 
     Between two samples torque and friction are constant: ω = ω∞ + (ω0 - ω∞) e^(-t/T), and where it turns round friction does.
     """
     rng, n = np.random.default_rng(seed), round(seconds / SAMPLE_S)
     t = SAMPLE_S * np.arange(n)
     asked = 0.045 * np.where((t + 0.6) % 5.0 < 2.5, 1.0, -1.0) + 0.01 * np.sign(np.sin(math.tau * 6.0 * t + rng.uniform(0.0, math.tau)))
-    theta, omega, angle = rng.uniform(0.0, STEP_RAD), 0.0, np.empty(n)
+    acts = asked + rng.normal(0.0, process_nm, n) if process_nm else asked
+    theta, omega, angle = rng.uniform(0.0, step_rad), 0.0, np.empty(n)
     for k in range(n):
         angle[k] = theta
         left = SAMPLE_S
         while left > 0.0:
-            side = math.copysign(1.0, omega if omega != 0.0 else asked[k])
-            if omega == 0.0 and abs(asked[k]) <= COULOMB:
+            side = math.copysign(1.0, omega if omega != 0.0 else acts[k])
+            if omega == 0.0 and abs(acts[k]) <= COULOMB:
                 break
-            end, time = (asked[k] - COULOMB * side) / VISCOUS, INERTIA / VISCOUS
+            end, time = (acts[k] - COULOMB * side) / VISCOUS, INERTIA / VISCOUS
             stops = time * math.log(1.0 - omega / end) if omega * end < 0.0 else math.inf
             lasts = min(left, stops)
             theta += end * lasts + (omega - end) * time * -math.expm1(-lasts / time)
             omega = 0.0 if stops <= left else end + (omega - end) * math.exp(-lasts / time)
             left -= lasts
-    counted = STEP_RAD * np.floor(angle / STEP_RAD)
-    torque = asked + rng.normal(0.0, NOISE_NM, n)
-    return Recording(name=f"turned {seed}", t_s=t, torque=torque, position=counted - counted[0], sidecar=Sidecar("free"))
+    counted = step_rad * np.floor(angle / step_rad)
+    position, note = counted - counted[0], Sidecar("free")
+    if process_nm:
+        return Recording(name=f"turned {seed}", t_s=t, torque=asked, position=position, torque_setpoint=asked, sidecar=note)
+    return Recording(name=f"turned {seed}", t_s=t, torque=asked + rng.normal(0.0, NOISE_NM, n), position=position, sidecar=note)
 
 
 @pytest.fixture(scope="module")
@@ -100,6 +106,19 @@ def test_squares_of_which_nothing_is_taken_off_would_miss_it(monkeypatch: pytest
     for _ in range(5):
         data, fitted = refit_with_rebuilt_motion(data, fitted, 6, data.substeps)
     assert fitted.model["motor.inertia"] < found.model["motor.inertia"] - 5.0 * interval
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_torque_that_acts_unread_makes_no_motor_lighter(seed: int) -> None:
+    """Of a command; the motor is moved by as much beside it.  Regression of the command on such a motion finds 0.8 times the inertia."""
+    fine = math.tau / 2**20
+    record = turned(seed, step_rad=fine, process_nm=PROCESS_NM)
+    found = fit_model([record], model(0.8 * INERTIA), counts_per_rev=2**20, path=TorquePath(DriveLaw(0.0), commanded=True))
+    item = found.model.parameters["motor.inertia"]
+    assert item.interval is not None
+    assert item.interval < 0.1 * INERTIA
+    assert abs(item.value - INERTIA) < 1.5 * item.interval
+    assert found.noise_nm == pytest.approx(PROCESS_NM, rel=0.05)
 
 
 def nothing(bias: RoundingBias, _vector: Array, others: list[Array], _steps: Array) -> tuple[Array, Array]:
