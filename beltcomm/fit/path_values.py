@@ -8,10 +8,12 @@ A current loop's shape inside the sampling period hardly shows in the means that
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from beltcomm.fit.decimation import decimate_torque
 from beltcomm.fit.estimate import Fitted, fit
@@ -73,12 +75,19 @@ def _with_half_widths(data: Data, fitted: Fitted) -> Data:
 
 
 def path_nuisance(data: Data, fitted: Fitted) -> Nuisance | None:
-    """Of the path's values, which the reading tells; None without any."""
-    values = _values(data.path)
+    """Of the path's values, which the reading tells, and of its rivals, which nothing tells; None without any."""
+    values, rivals = _values(data.path), data.path.rivals
     columns = columns_of(data, fitted) if len(values) else None
     if columns is None or not np.any(columns):
+        columns, values = np.zeros((fitted.problem.samples, 0)), values[:0]
+    other = _changes(data, fitted, rivals, [1.0] * len(rivals)) if rivals else None
+    if other is not None:  # half an interval is how far one of them is off, in the mean of all
+        columns = np.hstack([columns, other])
+    if not columns.shape[1]:
         return None
-    return Nuisance(columns, by_reading(data, values).information, np.ones(len(values), dtype=np.bool_))
+    own, unknown = len(values), columns.shape[1] - len(values)
+    information = block_diag(by_reading(data, values).information if own else np.zeros((0, 0)), NORMAL_95**2 * unknown * np.eye(unknown))
+    return Nuisance(columns, information, np.arange(own + unknown) < own)
 
 
 @dataclass(frozen=True)
@@ -180,24 +189,27 @@ def _with_values(path: TorquePath, values: Array, halves: Array | None = None) -
 def columns_of(data: Data, fitted: Fitted) -> Array | None:
     """Change of the whitened residual with each value of the path, (n, k); None behind observers."""
     values = _values(data.path)
+    steps = STEP * values
+    return _changes(data, fitted, [_with_values(data.path, values + step) for step in np.diag(steps)], steps)
+
+
+def _changes(data: Data, fitted: Fitted, paths: Sequence[TorquePath], over: Sequence[float] | Array) -> Array | None:
+    """Change of the whitened residual to each of some paths, over a step of each, (n, k); None behind observers."""
     by_name = {r.name: r for r in data.recordings}
     vector, parts = fitted.problem.full(fitted.x), []
     for piece in fitted.problem.pieces:
         if piece.whitener is None:
             return None
         recording = by_name[piece.record]
-        changes = np.zeros((piece.motion.samples, len(values)))
+        changes = np.zeros((piece.motion.samples, len(paths)))
         every = round(piece.motion.sample_s / recording.sample_period_s)
         if len(recording.t_s) // every == piece.motion.samples:  # of a record with gaps this would be another piece
             motion = true_motion(fitted.model, piece.motion, vector)
             here = acting_torque(fitted.model, motion, piece.torque, vector)
-            for k, value in enumerate(values):
-                ahead = values.copy()
-                ahead[k] += STEP * value
-                path = _with_values(data.path, ahead)
+            for k, (path, step) in enumerate(zip(paths, over, strict=True)):
                 torque, within = path.acting_torque(recording.torque, recording.torque_setpoint, recording.sample_period_s)
                 if every > 1:
                     torque, within = decimate_torque(torque, within, every)
-                changes[:, k] = -(acting_torque(fitted.model, replace(motion, within=within), torque, vector) - here) / (STEP * value)
+                changes[:, k] = -(acting_torque(fitted.model, replace(motion, within=within), torque, vector) - here) / step
         parts.append(piece.white(changes))
     return np.concatenate(parts)

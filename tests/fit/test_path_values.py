@@ -10,10 +10,13 @@ import pytest
 
 from beltcomm.fit.base import fit_base
 from beltcomm.fit.estimate import fit
+from beltcomm.fit.intervals import parameter_spread
 from beltcomm.fit.path_values import path_nuisance, refine_path
 from beltcomm.fit.records import prepare_records
 from beltcomm.fit.torque_path import DriveLaw, Lag, ReadingLaw, TorquePath
-from fit.test_rounding_bias import model, turned
+from beltcomm.recording import Recording
+from beltcomm.recording.sidecar import Sidecar
+from fit.test_rounding_bias import COULOMB, INERTIA, SAMPLE_S, VISCOUS, model, turned
 from identify.records import NOISE_NM, STEP_RAD, Recorder, true_model
 from truth.rigs import draw
 
@@ -39,6 +42,31 @@ def test_any_path_is_refined_to_finite_values(path: TorquePath) -> None:
     assert np.all(np.isfinite(values))
     assert min(values) >= 0.0
     assert np.isfinite(fitted.objective)
+
+
+def test_a_whole_delay_is_divided_within_a_sample_where_the_motion_asks_for_it() -> None:
+    """A command that changes at 0.3 of the period, read 0.7 of one later: setpoint and reading show two whole samples and no more."""
+    rng, n, sample_s = np.random.default_rng(8), 8000, SAMPLE_S
+    asked = COULOMB + 40.0 * VISCOUS + 0.02 * rng.choice([-1.0, 1.0], n)
+    theta, omega, angle = 0.0, 40.0, np.empty(n)
+    for k in range(n):
+        angle[k] = theta
+        for back, share in ((2, 0.3), (1, 0.7)):
+            end, time, lasts = (asked[max(k - back, 0)] - COULOMB) / VISCOUS, INERTIA / VISCOUS, share * sample_s
+            theta += end * lasts + (omega - end) * time * -math.expm1(-lasts / time)
+            omega = end + (omega - end) * math.exp(-lasts / time)
+    reading = np.concatenate((asked[:1], asked[:1], asked[:-2])) + rng.normal(0.0, 0.005, n)
+    step = math.tau / 2**20
+    position = step * np.floor(angle / step)
+    record = Recording("divided", sample_s * np.arange(n), reading, position, Sidecar("free"), torque_setpoint=asked)
+    data, fitted = fit_base(prepare_records([record], model(), 0.005, step, {}), model(0.8 * INERTIA), publish=False)
+    assert data.path.drive is not None
+    assert data.path.drive.delay == pytest.approx(1.3, abs=0.02)
+    assert data.path.reading.late == pytest.approx(0.7, abs=0.02)
+    assert fitted.ratio == pytest.approx(1.0, abs=0.05)
+    half = parameter_spread(fitted).half_width({"motor.inertia": 1.0})
+    assert half is not None
+    assert abs(fitted.model["motor.inertia"] - INERTIA) < 1.5 * half < 0.05 * INERTIA
 
 
 def test_a_coarse_record_tells_the_values_of_a_path_too() -> None:

@@ -14,14 +14,18 @@ import pytest
 from beltcomm.cli.talk import PlainTalk
 from beltcomm.effects import effect_named
 from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.records import Data
 from beltcomm.jobs import effect_search, laboratory
 from beltcomm.laboratory import acceptance, backward_elimination, diagnosis
 from beltcomm.laboratory.acceptance import is_negligible, only_cancels, share_left
-from beltcomm.laboratory.diagnosis import Stage, verdict_of
+from beltcomm.laboratory.diagnosis import Diagnosis, Stage, verdict_of
 from beltcomm.laboratory.forward_selection import Candidate
 from beltcomm.laboratory.plausibility import KNOWN, implausible_effects, parameters_at_bounds, undetermined_effects
 from beltcomm.laboratory.residual_structure import excess, partitions
+from beltcomm.laboratory.scope import OF_DRIVE, unknown_delivery, without_names
+from beltcomm.laboratory.score import Scorer
 from beltcomm.model import build_model
+from beltcomm.recording import Recording
 from beltcomm.rundata.revisions import Revision
 from beltcomm.sentences import ladder
 from beltcomm.sentences.ladder import climb_lines
@@ -40,6 +44,23 @@ BASE = build_model("axis", ("belt_stiffness", "belt_damping", "viscous", "viscou
 )
 def test_a_parameter_that_ran_into_its_bound_is_named(effect: str, values: dict[str, float], wanted: list[str]) -> None:
     assert parameters_at_bounds(BASE.with_effect(effect, values), BASE) == wanted
+
+
+def test_without_a_setpoint_no_effect_that_a_drive_has_is_named_behind_another_name() -> None:
+    """Cogging stands; that what it leaves is a dead time, and not the drive's own delay, nothing tells."""
+    cogging = BASE.with_effect("cogging", {})
+    base, first, second = (cast(Fitted, SimpleNamespace(model=m, ratio=2.0)) for m in (BASE, cogging, cogging.with_effect("dead_time", {})))
+    steps = (Stage(base, (), "cogging", (), first), Stage(first, (), "dead_time", (), second))
+    found = Diagnosis(base, cast(Data, None), steps, "explained", (), cast(Scorer, None), cast(Data, None))
+    read = cast(list[Recording], [SimpleNamespace(torque_setpoint=None, side="motor")])
+    asked = cast(list[Recording], [SimpleNamespace(torque_setpoint=np.zeros(1), side="motor")])
+    assert "dead_time fits best" in unknown_delivery(found, read)
+    assert unknown_delivery(found, asked) == ""
+    assert unknown_delivery(replace(found, steps=steps[:1]), read) == ""
+    left = without_names(found, OF_DRIVE)
+    assert left.added_effects == ["cogging"]
+    assert left.verdict == "cannot tell"
+    assert without_names(found).added_effects == []
 
 
 @pytest.mark.parametrize(
