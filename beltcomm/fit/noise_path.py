@@ -23,7 +23,8 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,7 @@ from beltcomm.model import Model
 from beltcomm.model.linear import Matrices, carriage_of, matrices, operating_point, stretch_of, values_of
 
 Array = NDArray[np.float64]
+Complex = np.ndarray[Any, np.dtype[np.complex128]]
 
 #: What makes the covariance at the first sample.
 MOTION, ROUNDING, SLOW, TORQUE = range(4)
@@ -50,6 +52,9 @@ PLACES, FINE_PLACES = 25, 601
 LEAST_PART, LEAST_LAG_S = 1e-6, 1e-9
 #: Terms of Taylor's series for a norm below one half: 0.5^15/15! is below the machine precision.
 TERMS = 14
+#: Frequencies around the circle, and z at those of its upper half, its ends left out.
+POINTS = 1024
+AROUND = np.exp(2j * np.pi * np.arange(1, POINTS // 2) / POINTS)
 #: Paths that are kept: the segments of a record set ask for the same one wherever nothing goes with the place.
 KEPT = 512
 
@@ -79,6 +84,17 @@ class NoisePath:
     D: Array
     begins: Array
     sample_s: float
+
+    @cached_property
+    def transfer(self) -> Complex:
+        """From ε to e at :data:`AROUND`."""
+        zeros = np.linalg.eigvals(self.F - np.outer(self.G[:, 0], self.H) / self.D[0])
+        return np.asarray(self.D[0] * at_roots(zeros) / at_roots(np.linalg.eigvals(self.F)))
+
+
+def at_roots(roots: Complex) -> Complex:
+    """Π (1 - root/z) at :data:`AROUND`."""
+    return np.asarray(np.prod(1.0 - roots[:, None] / AROUND, axis=0))
 
 
 @dataclass(frozen=True)

@@ -23,13 +23,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled
-from beltcomm.fit.noise_path import NoisePath, noise_path, stiffness_levels
+from beltcomm.fit.noise_path import AROUND, POINTS, Complex, NoisePath, at_roots, noise_path, stiffness_levels
 from beltcomm.fit.process_torque import Unread
 from beltcomm.fit.segment import Segment
 from beltcomm.fit.whitening import gains_of, noises
@@ -37,15 +36,11 @@ from beltcomm.model import Model
 from beltcomm.model.mounted import Mounted, loaded_model
 
 Array = NDArray[np.float64]
-Complex = np.ndarray[Any, np.dtype[np.complex128]]
 #: Place, m, sampling period, s, and load of a record.
 Where = tuple[float, float, Mounted | None]
 
 #: Samples in which the gains settle; longest response that is followed; share of the response's squares that ends it over a block.
 SETTLING, LONGEST, BLOCK, NEGLIGIBLE = 600, 6000, 100, 1e-7
-#: Frequencies, around the circle, of torque that acts unread.
-POINTS = 2048
-AROUND = np.exp(2j * np.pi * np.arange(1, POINTS // 2) / POINTS)
 #: Variance that rounding adds, that of the residual being 1, beyond which a model does not hold its bodies; near the right one it is
 #: less than 1.
 ABSURD = 1e6
@@ -140,7 +135,7 @@ class _Kind:
         self._known: dict[int, tuple[NoisePath, Array]] = {}
         here = path_at(model, self.where)
         self.filter = self._filter(here)
-        self.unread = None if segment.own_noise or segment.unread is None else (self._weight(segment.unread), transfer(here))
+        self.unread = None if segment.own_noise or segment.unread is None else (self._weight(segment.unread), here.transfer)
         self.start = self.power(here)
 
     def _filter(self, plain: NoisePath) -> tuple[NoisePath, Array, float]:
@@ -165,7 +160,7 @@ class _Kind:
                 parts.append(np.convolve(out[:length], np.ones(segment.group)) * size)
             if self.unread is not None and segment.unread is not None:
                 weight, own = self.unread
-                shown = weight * (transfer(plain) / own - np.polyval(np.array(segment.unread.answer)[::-1], 1.0 / AROUND))
+                shown = weight * (plain.transfer / own - np.polyval(np.array(segment.unread.answer)[::-1], 1.0 / AROUND))
                 parts += [shown.real, shown.imag]
             used = max(len(part) for part in parts)
             found = plain, np.stack([np.concatenate((part, np.zeros(used - len(part)))) for part in parts])
@@ -197,17 +192,6 @@ def path_at(model: Model, where: Where) -> NoisePath:
     """Noise path at a place, m, with a sampling period, s, and the load of a record."""
     place_m, sample_s, mounted = where
     return noise_path(loaded_model(model, mounted), place_m, sample_s)
-
-
-def transfer(path: NoisePath) -> Complex:
-    """T at :data:`AROUND`, from the rounding to the residual."""
-    zeros = np.linalg.eigvals(path.F - np.outer(path.G[:, 0], path.H) / path.D[0])
-    return np.asarray(path.D[0] * at_roots(zeros) / at_roots(np.linalg.eigvals(path.F)))
-
-
-def at_roots(roots: Complex) -> Complex:
-    """Π (1 - root/z) at :data:`AROUND`."""
-    return np.asarray(np.prod(1.0 - roots[:, None] / AROUND, axis=0))
 
 
 def _pad(rows: Array, length: int) -> Array:
