@@ -169,7 +169,9 @@ def splits(law: DriveLaw, at_end: bool = False) -> Iterator[TorquePath]:
     if whole >= 1:
         delays.append((max(law.delay - 1.0, 0.0), 1.0))
     for before, late in delays:
-        for chosen in itertools.product(*(((True,) if lag.kind == "slew rate" else (True, False)) for lag in law.lags)):
+        # A limit of the slew rate is the drive's, and so is what it is given.
+        limited = max((place for place, lag in enumerate(law.lags) if lag.kind == "slew rate"), default=-1)
+        for chosen in itertools.product(*(((True,) if place <= limited else (True, False)) for place in range(len(law.lags)))):
             drive = tuple(lag for lag, own in zip(law.lags, chosen, strict=True) if own)
             reading = tuple(lag for lag, own in zip(law.lags, chosen, strict=True) if not own)
             yield TorquePath(DriveLaw(before, drive, law.gain), ReadingLaw(late, reading, at_end))

@@ -27,8 +27,8 @@ from beltcomm.simulate.inverse import acting_torque, true_motion
 
 Array = NDArray[np.float64]
 
-#: Rounds; relative step of a difference; largest relative change at a time; fall of O that is worth a round, nats; iterations of its fit.
-ROUNDS, STEP, MOST, WORTH, ITERATIONS = 3, 0.02, 0.4, 10.0, 6
+#: Rounds at most; relative step of a difference; largest relative change at a time; fall of O that is worth a round, nats; iterations of its fit.
+ROUNDS, STEP, MOST, WORTH, ITERATIONS = 8, 0.02, 0.4, 10.0, 6
 #: Share of a delay by which it may fall at a time.
 NEARLY_ALL = 0.9
 #: N m, noise of a reading without any.
@@ -117,6 +117,8 @@ def by_reading(data: Data, values: Array) -> ByReading:
     noise = max(robust_rms(rest, torque_step(np.concatenate([reading for _, reading in pairs]))), LEAST_NOISE_NM)
     steps = STEP * values
     slopes = np.column_stack([(rest_at(values + step, colour) - rest) / np.sum(step) for step in np.diag(steps)]) / noise
+    if _is_divided(path):  # of that the reading tells nothing; what it seems to tell is that a command changes within a cell
+        slopes[:, -1] = 0.0
     return ByReading(slopes.T @ slopes + hardly, -slopes.T @ rest / noise, float(rest @ rest) / noise**2)
 
 
@@ -132,19 +134,29 @@ def by_path(data: Data, model: Model, path: TorquePath) -> Data:
 
 
 def _free_delays(path: TorquePath) -> tuple[int, ...]:
-    """Delays that are fitted: the drive's where it is not whole, and both where the reading is late.
+    """Delays that are fitted: one that is not whole, and both where the reading's is not, for it hides a part of the drive's.
 
-    Setpoint and reading tell the sum; of that a part of a period may lie on either side of the torque, also where it is whole.
+    Where both together are whole, as setpoint and reading tell them, the reading's, and what that loses the drive's gains.
     """
     before, late = _delays(path)
-    return (*((0,) if before > WHOLE and (late > WHOLE or abs(before - round(before)) > WHOLE) else ()), *((1,) if late > WHOLE else ()))
+    if _is_divided(path):
+        return (1,)
+    part = abs(late - round(late)) > WHOLE
+    return (*((0,) if abs(before - round(before)) > WHOLE or (part and before > WHOLE) else ()), *((1,) if part else ()))
+
+
+def _is_divided(path: TorquePath) -> bool:
+    """True for a whole delay before and behind the torque together, of which the motion alone tells how it is divided."""
+    before, late = _delays(path)
+    return min(before, late) > WHOLE and abs(before + late - round(before + late)) <= WHOLE
 
 
 def _most(path: TorquePath, values: Array) -> Array:
     """Changes of the values that a first order bears: of a delay part of a period, but not below 0."""
     most, first = MOST * values, sum(len(lag.values) for lag in _lags(path))
     delays = slice(first, first + len(_free_delays(path)))
-    most[delays] = np.minimum(MOST, NEARLY_ALL * values[delays])
+    least = np.minimum(values[delays], path.drive.delay) if path.drive is not None and _is_divided(path) else values[delays]
+    most[delays] = np.minimum(MOST, NEARLY_ALL * least)
     return most
 
 
@@ -182,6 +194,9 @@ def _with_values(path: TorquePath, values: Array, halves: Array | None = None) -
         half = drive.delay_interval if halves is None else float(halves[place])
         drive, place = replace(drive, delay=float(values[place]), delay_interval=half), place + 1
     if 1 in free:
+        if drive is not None and _is_divided(path):
+            half = drive.delay_interval if halves is None else float(halves[place])
+            drive = replace(drive, delay=drive.delay + reading.late - float(values[place]), delay_interval=half)
         reading, place = replace(reading, late=float(values[place])), place + 1
     return replace(path, drive=drive, reading=reading)
 

@@ -35,6 +35,7 @@ CHAINS: tuple[tuple[Kind, ...], ...] = (
     ("second order", "sampled"),
     ("slew rate", "first order"),
     ("slew rate", "sampled"),
+    ("sampled", "slew rate"),
 )
 #: The same where the reading is the torque at the end of the period.
 AT_END: tuple[tuple[Kind, ...], ...] = (
@@ -117,11 +118,11 @@ def fit_reading(recordings: Sequence[Recording]) -> ReadingFit | None:
     free, colour = _free_rest(pairs)
     best = _best_chain(pairs, sample_s, free, colour)
     if best is not None and any(lag.kind == "slew rate" for lag in best.law.lags):  # no response, however free, knows one
-        best = _best_chain(pairs, sample_s, 0.0, _colour_beside(best, pairs, sample_s), "slew rate")
+        best = _best_chain(pairs, sample_s, 0.0, _colour_beside(best, pairs, sample_s), limited=True)
     return best
 
 
-def _best_chain(pairs: Sequence[Pair], sample_s: float, free: float, colour: float, first: Kind | None = None) -> ReadingFit | None:
+def _best_chain(pairs: Sequence[Pair], sample_s: float, free: float, colour: float, *, limited: bool = False) -> ReadingFit | None:
     """The chain that explains pairs best.
 
     Parameters
@@ -130,8 +131,8 @@ def _best_chain(pairs: Sequence[Pair], sample_s: float, free: float, colour: flo
         What a free response leaves, N m rms.
     colour : float
         Of the noise.
-    first : Kind or None
-        known.
+    limited : bool
+        Whether a limit of the slew rate is in it.
     """
     samples = sum(len(setpoint) for setpoint, _ in pairs)
     best = _fit_chain(pairs, sample_s, (), colour)
@@ -144,7 +145,7 @@ def _best_chain(pairs: Sequence[Pair], sample_s: float, free: float, colour: flo
             return best
     for number in (1, 2):  # a second filter must be clearly better than one, but not one than another
         chains = [(chain, at_end) for at_end, some in ((False, CHAINS), (True, AT_END)) for chain in some if len(chain) == number]
-        chains = [(chain, at_end) for chain, at_end in chains if first in (None, chain[0])]
+        chains = [(chain, at_end) for chain, at_end in chains if not limited or "slew rate" in chain]
         found = [one for chain, at_end in chains if (one := _fit_chain(pairs, sample_s, chain, colour, at_end)) is not None]
         every += found
         # What more values do must be clear, and a held torque behind a filter is at the end what one of the samples is in the mean.
