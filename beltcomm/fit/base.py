@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import in_one_thread
+from beltcomm.fit.angle_noise import NOISY
 from beltcomm.fit.decimation import smallest_step
 from beltcomm.fit.estimate import AT_A_TIME, Fitted, fit, resume_fit
 from beltcomm.fit.far_off import least_plain_error
@@ -22,7 +23,6 @@ from beltcomm.fit.path_choice import EXPLAINED, GOOD, choose_path, commands
 from beltcomm.fit.path_values import by_path, refine_path
 from beltcomm.fit.reading_fit import CLEAR, fit_reading
 from beltcomm.fit.records import (
-    NOISY,
     PUBLISHED_SUBSTEPS,
     SUBSTEPS,
     Data,
@@ -135,7 +135,9 @@ def _fit_base(
         data = replace(data, noise_nm=split.sensor_nm, colour=split.colour, path=replace(data.path, acts=split.acts, process=split.process))
         if not quieter or path is not None:
             break
-        data, fitted = refine_path(*refit_with_rebuilt_motion(data, fitted, NEXT_ITERATIONS, fixed=fixed))  # the motion tells more of it now
+        data, fitted = refine_path(
+            *refit_with_rebuilt_motion(data, fitted, NEXT_ITERATIONS, fixed=fixed)
+        )  # the motion tells more of it now
     if split is None and (chain is None or commanded):
         data, fitted = _as_quiet_as_it_is(data, fitted, fixed)
         data = with_likeliest_colour(data, fitted, _residuals(fitted))

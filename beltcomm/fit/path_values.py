@@ -27,7 +27,7 @@ from beltcomm.simulate.inverse import acting_torque, true_motion
 
 Array = NDArray[np.float64]
 
-#: Rounds at most; relative step of a difference; largest relative change at a time; fall of O that is worth a round, nats; iterations of its fit.
+#: Rounds at most; relative step of a difference; largest relative change at a time; fall of O worth a round, nats; iterations of its fit.
 ROUNDS, STEP, MOST, WORTH, ITERATIONS = 8, 0.02, 0.4, 10.0, 6
 #: Share of a delay by which it may fall at a time.
 NEARLY_ALL = 0.9
@@ -117,8 +117,9 @@ def by_reading(data: Data, values: Array) -> ByReading:
     noise = max(robust_rms(rest, torque_step(np.concatenate([reading for _, reading in pairs]))), LEAST_NOISE_NM)
     steps = STEP * values
     slopes = np.column_stack([(rest_at(values + step, colour) - rest) / np.sum(step) for step in np.diag(steps)]) / noise
-    if _is_divided(path):  # of that the reading tells nothing; what it seems to tell is that a command changes within a cell
-        slopes[:, -1] = 0.0
+    free = _free_delays(path)
+    if _is_divided(path) or free == (0, 1):  # the reading tells their sum; beside it only that a command may change within a cell
+        slopes[:, -1] = 0.0 if _is_divided(path) else slopes[:, -2]
     return ByReading(slopes.T @ slopes + hardly, -slopes.T @ rest / noise, float(rest @ rest) / noise**2)
 
 
@@ -134,21 +135,21 @@ def by_path(data: Data, model: Model, path: TorquePath) -> Data:
 
 
 def _free_delays(path: TorquePath) -> tuple[int, ...]:
-    """Delays that are fitted: one that is not whole, and both where the reading's is not, for it hides a part of the drive's.
+    """Delays that are fitted: the drive's where it is not whole, and both where the reading is late, for it hides a part of the drive's.
 
-    Where both together are whole, as setpoint and reading tell them, the reading's, and what that loses the drive's gains.
+    Where nothing else is in the chain and both together are whole, the reading's, and what that loses the drive's gains.
     """
     before, late = _delays(path)
     if _is_divided(path):
         return (1,)
-    part = abs(late - round(late)) > WHOLE
-    return (*((0,) if abs(before - round(before)) > WHOLE or (part and before > WHOLE) else ()), *((1,) if part else ()))
+    own = before > WHOLE and (late > WHOLE or abs(before - round(before)) > WHOLE)
+    return (*((0,) if own else ()), *((1,) if late > WHOLE else ()))
 
 
 def _is_divided(path: TorquePath) -> bool:
     """True for a whole delay before and behind the torque together, of which the motion alone tells how it is divided."""
     before, late = _delays(path)
-    return min(before, late) > WHOLE and abs(before + late - round(before + late)) <= WHOLE
+    return not _lags(path) and min(before, late) > WHOLE and abs(before + late - round(before + late)) <= WHOLE
 
 
 def _most(path: TorquePath, values: Array) -> Array:

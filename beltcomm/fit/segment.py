@@ -23,8 +23,8 @@ from beltcomm.fit.decimation import decimate, decimate_torque, decimated_noise, 
 from beltcomm.fit.moving import creep_motion, creeping_samples, resting_samples, run_in_samples, samples_between_counts
 from beltcomm.fit.noise_colour import WHITE_NOISE, NoiseColour
 from beltcomm.fit.noise_path import NoiseSchedule, way
-from beltcomm.fit.process_torque import Unread
 from beltcomm.fit.observer import Observation, Observer, innovations, needs_observer, tuned_observers, untuned_observer
+from beltcomm.fit.process_torque import Unread
 from beltcomm.fit.reversals import LEVEL, motion_through_reversals, turns_at_once
 from beltcomm.fit.slack import stiffness_left
 from beltcomm.fit.smoother import smooth_motion
