@@ -185,3 +185,10 @@ def test_every_split_of_a_chain_is_the_same_chain() -> None:
         assert sorted([*way.drive.lags, *way.reading.lags], key=str) == sorted(law.lags, key=str)
         assert way.drive.delay_s(PERIOD_S) + way.reading.delay_s(PERIOD_S) == pytest.approx(law.delay_s(PERIOD_S))
     assert len(list(splits(DriveLaw(0.0)))) == 1, "nothing to divide"
+
+
+def test_what_a_limit_of_the_slew_rate_is_given_is_the_drives() -> None:
+    lags = (Lag("sampled", (0.7,)), Lag("slew rate", (150.0,)), Lag("first order", (1e-3,)))
+    divided = list(splits(DriveLaw(1.0, lags)))
+    assert {path.drive.lags[:2] for path in divided if path.drive is not None} == {lags[:2]}
+    assert {path.reading.lags for path in divided} == {(), lags[2:]}

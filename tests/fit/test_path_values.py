@@ -7,16 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import stdtrit
 
 from beltcomm.fit.base import fit_base
 from beltcomm.fit.estimate import fit
 from beltcomm.fit.intervals import parameter_spread
+from beltcomm.fit.nuisance import with_nuisance
 from beltcomm.fit.path_values import path_nuisance, refine_path
 from beltcomm.fit.records import prepare_records
 from beltcomm.fit.torque_path import DriveLaw, Lag, ReadingLaw, TorquePath
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar
-from fit.test_rounding_bias import COULOMB, INERTIA, SAMPLE_S, VISCOUS, model, turned
+from fit.test_rounding_bias import COULOMB, COUNTS, INERTIA, SAMPLE_S, VISCOUS, model, turned
 from identify.records import NOISE_NM, STEP_RAD, Recorder, true_model
 from truth.rigs import draw
 
@@ -82,3 +84,20 @@ def test_a_coarse_record_tells_the_values_of_a_path_too() -> None:
     nuisance = path_nuisance(data, fit(data, model(), 3))
     assert nuisance is not None
     assert np.all(np.linalg.norm(nuisance.columns, axis=0) > 0.0)
+
+
+def test_a_rival_that_nothing_tells_widens_the_intervals_by_what_it_differs_by() -> None:
+    record = turned(3)
+    record = replace(record, torque_setpoint=record.torque)
+    taken, rival = TorquePath(DriveLaw(1.0)), TorquePath(DriveLaw(1.0), ReadingLaw(3.0))
+
+    def told(path: TorquePath) -> tuple[float, float, float]:
+        data = prepare_records([record], model(), 0.01, math.tau / COUNTS, {}, path=path)
+        spread = parameter_spread(fitted := with_nuisance(data, fit(data, model(), 8)))
+        half = spread.half_width({"motor.inertia": 1.0})
+        assert half is not None
+        return fitted.model["motor.inertia"], half, float(stdtrit(spread.freedom, 0.975))
+
+    (value, alone, wide), (other, _, _), (_, beside, _) = told(taken), told(rival), told(replace(taken, rivals=(rival,)))
+    assert beside > 1.5 * alone
+    assert math.sqrt(beside**2 - alone**2) == pytest.approx(abs(other - value) * wide / 1.96, rel=0.2)

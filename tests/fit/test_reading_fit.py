@@ -94,16 +94,28 @@ def test_two_filters_behind_one_another_are_found_by_what_they_do(setpoint: np.n
     assert found.law.delay_s(SAMPLE_S) - earlier_s == pytest.approx(SAMPLE_S * (1.0 + 1.0) + 2e-3, rel=0.01)
 
 
+def limited(wanted: np.ndarray, limit_nm_s: float) -> np.ndarray:
+    most, y, course = limit_nm_s * SAMPLE_S / wanted.shape[1], wanted[0, 0], np.empty(wanted.size)
+    for i, target in enumerate(wanted.reshape(-1)):
+        y += min(max(target - y, -most), most)
+        course[i] = y
+    return course.reshape(wanted.shape)
+
+
+@pytest.mark.examination
+def test_a_filter_before_a_limited_slew_rate_is_found_there(setpoint: np.ndarray) -> None:
+    """Behind it, it would round the ends of every ramp; what that leaves was taken for torque of a process."""
+    first, second = found_of(setpoint, limited(held(smoothed(setpoint, 0.7), 1.0), 150.0).mean(axis=1)).law.lags
+    assert (first.kind, second.kind) == ("sampled", "slew rate")
+    assert first.values[0] == pytest.approx(0.7, abs=0.02)
+    assert second.values[0] == pytest.approx(150.0, rel=0.01)
+
+
 @pytest.mark.examination
 @pytest.mark.parametrize("limit_nm_s", [60.0, 150.0])
 def test_a_limited_slew_rate_is_found(setpoint: np.ndarray, limit_nm_s: float) -> None:
     """Steps of 0.4 N m take 6.7 and 2.7 samples; the course is made step by step on the fine grid."""
-    wanted = held(setpoint, 1.0)
-    most, y, course = limit_nm_s * SAMPLE_S / wanted.shape[1], setpoint[0], np.empty(wanted.size)
-    for i, target in enumerate(wanted.reshape(-1)):
-        y += min(max(target - y, -most), most)
-        course[i] = y
-    found = found_of(setpoint, course.reshape(wanted.shape).mean(axis=1))
+    found = found_of(setpoint, limited(held(setpoint, 1.0), limit_nm_s).mean(axis=1))
     (lag,) = found.law.lags
     assert lag.kind == "slew rate"
     assert lag.values[0] == pytest.approx(limit_nm_s, rel=0.005)
