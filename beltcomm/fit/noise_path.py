@@ -92,7 +92,7 @@ class NoisePath:
         return np.asarray(self.D[0] * at_roots(zeros) / at_roots(np.linalg.eigvals(self.F)))
 
 
-def at_roots(roots: Complex) -> Complex:
+def at_roots(roots: NDArray[Any]) -> Complex:
     """Π (1 - root/z) at :data:`AROUND`."""
     return np.asarray(np.prod(1.0 - roots[:, None] / AROUND, axis=0))
 
