@@ -135,9 +135,8 @@ def _fit_base(
         data = replace(data, noise_nm=split.sensor_nm, colour=split.colour, path=replace(data.path, acts=split.acts, process=split.process))
         if not quieter or path is not None:
             break
-        data, fitted = refine_path(
-            *refit_with_rebuilt_motion(data, fitted, NEXT_ITERATIONS, fixed=fixed)
-        )  # the motion tells more of it now
+        # The motion tells more of the path now.
+        data, fitted = refine_path(*refit_with_rebuilt_motion(data, fitted, NEXT_ITERATIONS, fixed=fixed))
     if split is None and (chain is None or commanded):
         data, fitted = _as_quiet_as_it_is(data, fitted, fixed)
         data = with_likeliest_colour(data, fitted, _residuals(fitted))
