@@ -160,9 +160,11 @@ def gain_lines(cascade: Cascade) -> list[Line]:
 
 
 def loop_lines(margins: Sequence[Margins], binding: Sequence[str]) -> list[Line]:
-    """Bandwidths (crossovers, the lowest of all variants) with what limits them, and the worst margins."""
-    velocity = min((m.crossover_rad_s for m in margins if math.isfinite(m.crossover_rad_s)), default=math.nan) / math.tau
-    position = min((m.position_crossover_rad_s for m in margins if math.isfinite(m.position_crossover_rad_s)), default=math.nan) / math.tau
+    """Bandwidths (crossovers of an axis in motion; friction makes them less near standstill) with what limits them, the worst margins."""
+    velocity, position = (
+        max((rate for m in margins if math.isfinite(rate := getattr(m, f"{loop}crossover_rad_s"))), default=math.nan) / math.tau
+        for loop in ("", "position_")
+    )
     first = f"{tr('bandwidth')}: {tr('velocity')} {_digits(velocity)} Hz, {tr('position')} {_digits(position)} Hz"
     phase, other = min(m.phase_margin_deg for m in margins), min(m.position_phase_margin_deg for m in margins)
     gain = min(m.least_gain_margin_db for m in margins)
