@@ -102,7 +102,7 @@ def respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: f
         Of its torque; below 1 after a carriage that went too far.
     """
     phases.move_to(machine, step.at_m(machine.envelope().window_m), model)
-    model = at_place(machine, model, machine.position_m)
+    model = at_place(machine, model)
     if machine.folder.finished(SWEEP) is not None and machine.stroking() == "position":
         held = holding_at(machine.folder.recording(SWEEP), machine.ratio, machine.position_m)
         machine.holding_nm = machine.holding_nm if held is None else held
@@ -132,17 +132,19 @@ def respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: f
             machine.talk.say(f"±{above_nm:.3f} N m did not move the axis; once more, louder")
 
 
-def at_place(machine: Machine, model: Model, place_m: float) -> Model:
-    """The model found by the first response, with the stiffness that its belt has at a place by the lengths of its strands (2.26).
+def at_place(machine: Machine, model: Model) -> Model:
+    """The model found by the first response, with the stiffness that its belt has where the carriage stands, by its strands (2.26).
 
     A long axis has three times as stiff a belt near its driven pulley: its resonance, and what force an excitation makes, are others there.
     """
+    if machine.folder.finished("frf_1") is None:
+        return model
     axis, name = machine.axis, "belt_stiffness.stiffness"
     distance, offset = axis.get("belt.pulley_distance_m"), axis.travel.driven_side_offset_m
-    if name not in model.parameters or not (distance and offset) or machine.folder.finished("frf_1") is None:
+    if name not in model.parameters or not (distance and offset):
         return model
     found_m = load_sidecar(machine.folder.recordings_folder / "frf_1.yaml")[0].start_position_m or 0.0
-    there, here = (stiffness_of_spans(x, 1.0, float(distance), offset) for x in (place_m, found_m))
+    there, here = (stiffness_of_spans(x, 1.0, float(distance), offset) for x in (machine.position_m, found_m))
     return model.with_values({name: model[name] * there / here})
 
 

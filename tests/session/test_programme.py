@@ -241,12 +241,13 @@ def test_strokes_fit_into_a_short_travel_however_slowly_their_acceleration_rises
 
 def test_a_response_is_planned_with_the_stiffness_that_the_belt_has_at_its_place(complete: Complete) -> None:
     """EA/l1 + EA/(2 l3 - l1), from where the first response was made, in the middle; without its lengths it stays as it is."""
-    machine: Any = SimpleNamespace(axis=AXIS, folder=complete.folder)
+    machine: Any = SimpleNamespace(axis=AXIS, folder=complete.folder, position_m=0.02)
     found_m = complete.folder.recording("frf_1").sidecar.start_position_m
     assert found_m is not None
     model = data_sheet_model(AXIS, found_m, 0.1).with_values({"belt_stiffness.stiffness": 2e5})
     shares = [1.0 / (0.05 + x) + 1.0 / (1.58 - 0.05 - x) for x in (0.02, found_m)]
-    assert at_place(machine, model, 0.02)["belt_stiffness.stiffness"] == pytest.approx(2e5 * shares[0] / shares[1])
-    assert at_place(machine, model, found_m) == model
+    assert at_place(machine, model)["belt_stiffness.stiffness"] == pytest.approx(2e5 * shares[0] / shares[1])
     machine.axis = replace(AXIS, travel=replace(AXIS.travel, driven_side_offset_m=0.0))
-    assert at_place(machine, model, 0.02) == model
+    assert at_place(machine, model) == model
+    machine.axis, machine.position_m = AXIS, found_m
+    assert at_place(machine, model) == model
