@@ -103,6 +103,7 @@ def test_the_search_stays_inside_what_a_model_may_be() -> None:
     assert estimate([rows], start.with_values({stiffness: 1.05 * softest}), LATE_S).model[stiffness] > softest
 
 
+@pytest.mark.examination
 def test_a_drive_that_filters_its_setpoint_does_not_bias_them() -> None:
     """Taken for a dead time alone, 0.7 ms of lag made 8 % more of mass and stiffness."""
     random = np.random.default_rng(6)

@@ -122,6 +122,7 @@ def test_stiffness_of_each_place(varying: tuple[list[Recording], FinalModel]) ->
         assert found[name].stiffness_n_m == pytest.approx(stiffness(place), rel=0.1)
 
 
+@pytest.mark.examination
 def test_held_out_places_have_no_say(varying: tuple[list[Recording], FinalModel]) -> None:
     records, final = varying
     away = [replace(r, name=f"{r.name} away", sidecar=replace(r.sidecar, held_out=True)) for r in records[:2]]
@@ -157,6 +158,7 @@ def test_nothing_excited_is_refused() -> None:
         final_model([strokes], AXIS, COUNTS)
 
 
+@pytest.mark.examination
 def test_progress_ends_at_one(constant: tuple[list[Recording], FinalModel]) -> None:
     records, final = constant
     seen: list[float] = []

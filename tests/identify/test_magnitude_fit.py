@@ -197,6 +197,7 @@ def test_a_record_below_the_resonance_does_not_determine_the_stiffness() -> None
     assert total == pytest.approx(G_B["inertia_kg_m2"] + I_T**2 * G_B["mass_kg"], rel=0.1)
 
 
+@pytest.mark.examination
 def test_correlations_are_those_of_repetition() -> None:
     rng = np.random.default_rng(15)
     h = product_form(FREQ, S_A, I_T)

@@ -64,6 +64,7 @@ def test_behind_a_gap_a_tilt_is_found_at_the_carriage(tilted_gap: tuple[Machine,
     assert first.evidence > second.evidence
 
 
+@pytest.mark.examination
 def test_without_a_gap_a_tilt_is_not_put_on_trial(tmp_path: Path) -> None:
     """There it is the same as a constant torque, which stands for its family."""
     _, _, plain = records_of(tmp_path, ("tilt",), 0.7, 35, gap=False)

@@ -23,6 +23,7 @@ def study() -> excitations.ExcitationStudy:
         return excitations.compare()
 
 
+@pytest.mark.examination
 def test_all_keep_the_same_limits_and_time(study: excitations.ExcitationStudy) -> None:
     assert [row.kind for row in study.rows] == ["prbs", "gprbs", "chirp", "multisine"]
     for row in study.rows:
@@ -34,6 +35,7 @@ def test_all_keep_the_same_limits_and_time(study: excitations.ExcitationStudy) -
         assert max(row.belt_force_n / excitations.LIMITS.belt_force_n, row.travel_m / excitations.LIMITS.travel_m) > 0.9
 
 
+@pytest.mark.examination
 def test_each_kind_is_what_it_is_known_for(study: excitations.ExcitationStudy) -> None:
     """Binary signals have crest factor 1, a chirp √2 beside its fade; only the multisine tells odd from even, and friction is odd."""
     rows = {row.kind: row for row in study.rows}
@@ -44,12 +46,14 @@ def test_each_kind_is_what_it_is_known_for(study: excitations.ExcitationStudy) -
     assert all(math.isnan(rows[kind].odd) for kind in ("prbs", "gprbs", "chirp"))
 
 
+@pytest.mark.examination
 def test_every_fit_finds_the_axis(study: excitations.ExcitationStudy) -> None:
     """Within 1 % of mass, stiffness and inertia, from start values 15 to 20 % off."""
     for row in study.rows:
         assert max(row.error.values()) < 0.01, row.kind
 
 
+@pytest.mark.examination
 def test_words_and_figure(study: excitations.ExcitationStudy) -> None:
     text = excitations.lines(study)
     assert sum(line.startswith(("prbs", "gprbs", "chirp", "multisine")) for line in text) == 4
