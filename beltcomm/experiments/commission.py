@@ -380,7 +380,7 @@ def measure_friction(
         phases.move_to(machine, phases.stroke_ends(machine)[0], model)
     strokes = phases.sweep(machine, model, speeds_m_s, longest_s)
     sidecar = phases.sidecar(machine, "friction_sweep", held_out=held_out, extra=own_strokes.note(machine))
-    return machine.record(name, machine.follow(strokes.trajectory, machine.stroking()), phases.untuned_envelope(machine), sidecar)
+    return machine.record(name, machine.follow(strokes.trajectory, machine.stroking()), phases.stroke_envelope(machine), sidecar)
 
 
 def fit_and_design(machine: Machine, findings: Findings, settings: Settings) -> Cascade:

@@ -90,7 +90,7 @@ def make(machine: Machine, loop: Closed, step: Step, name: str, loudest_nm: floa
         closed_loop=True,
         held_out=step.held_out,
     )
-    machine.record(name, machine.follow(path, machine.stroking()), phases.untuned_envelope(machine), sidecar)
+    machine.record(name, machine.follow(path, machine.stroking()), phases.stroke_envelope(machine), sidecar)
 
 
 def respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: float, share: float) -> None:

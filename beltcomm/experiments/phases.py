@@ -347,15 +347,15 @@ def _feel_loop(machine: Machine, target_m: float, model: Model, slow_m_s: float)
 
 
 def untuned_envelope(machine: Machine) -> Envelope:
-    """The axis for a loop that is not tuned yet, without the last bit at its ends: what overshoots its strokes is to stop on the axis.
+    """The whole axis for a loop that is not tuned yet.  The drive's own window counts motor revolutions, whatever the gearbox."""
+    return replace(machine.envelope(), lag_m=LOST_M + own_strokes.LAG_M * (own_strokes.kpp_1_s(machine) < np.inf))
 
-    The drive's own window counts motor revolutions, whatever the gearbox.
-    """
-    envelope, ends = machine.envelope(), stroke_ends(machine)
-    low, high = (whole + LAST_BIT * (turn - whole) for whole, turn in zip(envelope.window_m, ends, strict=True))
-    if low < machine.position_m < high:
-        envelope = replace(envelope, window_m=(low, high))
-    return replace(envelope, lag_m=LOST_M + own_strokes.LAG_M * (own_strokes.kpp_1_s(machine) < np.inf))
+
+def stroke_envelope(machine: Machine) -> Envelope:
+    """The axis for strokes by such a loop, without the last bit at its ends: what overshoots is to stop on the axis."""
+    envelope = untuned_envelope(machine)
+    low, high = (whole + LAST_BIT * (turn - whole) for whole, turn in zip(envelope.window_m, stroke_ends(machine), strict=True))
+    return replace(envelope, window_m=(low, high)) if low < machine.position_m < high else envelope
 
 
 def sidecar(machine: Machine, experiment: str, **more: Any) -> Sidecar:

@@ -158,7 +158,18 @@ def prepare_records(
             substeps = max(substeps, 2 * math.ceil(0.5 * recording.sample_period_s / COUPLED_STEP_S - 1e-9))
         own = mounted.get(recording.name)
         for piece in segments(
-            recording, model, step_rad, noise_nm, fitted=True, substeps=substeps, path=path, reversals=reversals, colour=colour, mounted=own
+            recording,
+            model,
+            step_rad,
+            noise_nm,
+            fitted=True,
+            substeps=substeps,
+            path=path,
+            reversals=reversals,
+            colour=colour,
+            mounted=own,
+            # Of a command it begins far above what it is, and behind a belt any inertia and mass would do with that.
+            noise_known=not path.commanded or usual == PUBLISHED_SUBSTEPS or "cart" not in model.base_bodies,
         ):
             known = with_whitener(replace(piece, rounding=shown, group=group), model)
             pieces.append(band_limited(known, EXCITED_BAND_HZ if recording.sidecar.experiment == "frf" else CALM_BAND_HZ))

@@ -220,6 +220,7 @@ def segments(
     path: TorquePath = FAITHFUL,
     colour: float = 0.0,
     mounted: Mounted | None = None,
+    noise_known: bool = True,
 ) -> list[Segment]:
     """The gapless pieces of a recording that hold at least 50 samples.
 
@@ -245,6 +246,8 @@ def segments(
         Pole of the noise of the torque reading.
     mounted : Mounted or None
         Load of the record, where that is another one than the model's.
+    noise_known : bool
+        Whether ``noise_nm`` is no first guess, so that torque which acts unread may be counted with it.
 
     Returns
     -------
@@ -329,7 +332,7 @@ def segments(
                 turns=turns,
                 colour=acting_noise(path, colour, own, every),
                 noise_factor=noise_factor,
-                unread=path.unread(colour, own) if every == 1 or path.commanded else None,
+                unread=path.unread(colour, own) if noise_known and (every == 1 or path.commanded) else None,
             )
         )
     return pieces
