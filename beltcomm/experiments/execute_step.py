@@ -20,7 +20,7 @@ from beltcomm.given import EXPERIMENTS
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-from beltcomm.recording.sidecar import Sidecar, load_sidecar
+from beltcomm.recording.sidecar import load_sidecar
 from beltcomm.rundata import analyse
 from beltcomm.rundata.first_motions import CLEAR_SHARE
 from beltcomm.schedule.steps import LOUD, Step
@@ -81,15 +81,8 @@ def make(machine: Machine, loop: Closed, step: Step, name: str, loudest_nm: floa
         return
     course = course_of(machine, loop.model)
     phases.move_to(machine, start_of(step, course), loop.model)
-    at = machine.position_m
-    path = stoppable_path(machine, loop, step, course, at, pace)
-    sidecar = Sidecar(
-        EXPERIMENT[step.kind],
-        start_position_m=at,
-        session_time_s=machine.session_time_s,
-        closed_loop=True,
-        held_out=step.held_out,
-    )
+    path = stoppable_path(machine, loop, step, course, machine.position_m, pace)
+    sidecar = phases.sidecar(machine, EXPERIMENT[step.kind], held_out=step.held_out)
     machine.record(name, machine.follow(path, machine.stroking()), phases.stroke_envelope(machine), sidecar)
 
 
@@ -135,16 +128,18 @@ def respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: f
 def at_place(machine: Machine, model: Model) -> Model:
     """The model found by the first response, with the stiffness that its belt has where the carriage stands, by its strands (2.26).
 
+    As it is where nobody knows that place, or the lengths of the strands.
+
     A long axis has three times as stiff a belt near its driven pulley: its resonance, and what force an excitation makes, are others there.
     """
     if machine.folder.finished("frf_1") is None:
         return model
-    axis, name = machine.axis, "belt_stiffness.stiffness"
+    axis, name, at_m = machine.axis, "belt_stiffness.stiffness", machine.place_m(machine.position_m)
     distance, offset = axis.get("belt.pulley_distance_m"), axis.travel.driven_side_offset_m
-    if name not in model.parameters or not (distance and offset):
+    found_m = load_sidecar(machine.folder.recordings_folder / "frf_1.yaml")[0].start_position_m
+    if name not in model.parameters or not (distance and offset) or at_m is None or found_m is None:
         return model
-    found_m = load_sidecar(machine.folder.recordings_folder / "frf_1.yaml")[0].start_position_m or 0.0
-    there, here = (stiffness_of_spans(x, 1.0, float(distance), offset) for x in (machine.position_m, found_m))
+    there, here = (stiffness_of_spans(x, 1.0, float(distance), offset) for x in (at_m, found_m))
     return model.with_values({name: model[name] * there / here})
 
 

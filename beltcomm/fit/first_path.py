@@ -58,27 +58,30 @@ def first_path(recording: Recording, start: Model, counts_per_rev: int) -> First
         return FirstPath(FAITHFUL, first_of_seldom([recording], start))
     chain = fit_reading([recording])
     faithful = TorquePath(chain.law) if chain is not None else FAITHFUL
-    first = _by_the_sheet(recording, start, counts_per_rev, faithful)
+    first = first_estimate([recording], start, counts_per_rev, faithful)
+
+    def told(path: TorquePath, found: FirstEstimate) -> FirstPath:
+        return FirstPath(path, _by_the_sheet(recording, start, counts_per_rev, path, found))
+
     step = 2.0 * math.pi / counts_per_rev
     if chain is None or _least(recording, start["motor.inertia"], step) >= (1.0 - EXPLAINED) * first.rest:
-        return FirstPath(faithful, first.model)
+        return told(faithful, first)
     others = _by_motion(chain.law) if commands(chain, [recording]) else splits(chain.law, chain.at_end)
     trials = [(path, first_estimate([recording], start, counts_per_rev, path)) for path in others if path != faithful]
     path, best = min(trials, key=lambda trial: trial[1].rest, default=(faithful, first))
-    return FirstPath(path, best.model) if _is_clearly_better(first, best) else FirstPath(faithful, first.model)
+    return told(path, best) if _is_clearly_better(first, best) else told(faithful, first)
 
 
-def _by_the_sheet(recording: Recording, start: Model, counts_per_rev: int, path: TorquePath) -> FirstEstimate:
-    """First estimate, with an inertia that the data sheet may have unless another one leaves clearly less torque.
+def _by_the_sheet(recording: Recording, start: Model, counts_per_rev: int, path: TorquePath, found: FirstEstimate) -> Model:
+    """Model of a first estimate, with an inertia that the data sheet may have unless the one found leaves clearly less torque.
 
     A short record behind a coarse encoder, or of a motor that swings faster than its rows show, fits nearly as well with half of it.
     """
-    found = first_estimate([recording], start, counts_per_rev, path)
     low, high = SHEET_RIGHT_TO
     if low <= found.model["motor.inertia"] / start["motor.inertia"] <= high:
-        return found
+        return found.model
     held = first_estimate([recording], start, counts_per_rev, path, SHEET_RIGHT_TO)
-    return found if _is_clearly_better(held, found) else held
+    return (found if _is_clearly_better(held, found) else held).model
 
 
 def _least(recording: Recording, inertia_kg_m2: float, step_rad: float) -> float:
@@ -87,7 +90,7 @@ def _least(recording: Recording, inertia_kg_m2: float, step_rad: float) -> float
 
 
 def _is_clearly_better(first: FirstEstimate, other: FirstEstimate) -> bool:
-    """True if another path leaves so much less than the reading that it is no chance, and no small part of what is left."""
+    """True if another estimate leaves so much less torque that it is no chance, and no small part of what is left."""
     if not 0.0 < other.rest < (1.0 - EXPLAINED) * first.rest:
         return False
     return first.samples * math.log(first.rest / other.rest) > math.log(first.samples) + CLEAR

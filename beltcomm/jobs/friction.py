@@ -178,7 +178,7 @@ def _recorded(machine: Machine, path: Trajectory, note: SweepNote, asked: Wanted
     name = next_free(RECORDS, machine.folder.finished_names())
     told = {"held_out": _judges(machine.folder), "payload_kg": asked.mounted_kg, "extra": note.to_dict()}
     sidecar = phases.sidecar(machine, "friction_sweep", **told)
-    machine.record(name, machine.follow(path, machine.stroking()), phases.untuned_envelope(machine), sidecar)
+    machine.record(name, machine.follow(path, machine.stroking()), phases.stroke_envelope(machine), sidecar)
     return name
 
 

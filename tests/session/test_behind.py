@@ -46,8 +46,8 @@ def test_a_design_takes_in_what_was_recorded_since(copy_of_complete: Copy) -> No
     found = api.design(run)
     assert f"the model was fitted anew, for {', '.join(names)} was recorded since" in "\n".join([*found.text, *found.details])
     for name, value in wanted.items():
-        flat = name == "ki_nm_rad"  # of the integral part the best is flat
-        assert found.data["parameters"][name] == pytest.approx(value, rel=0.1 if flat else 0.02), name
+        gain = name.startswith("k")  # the search for those ends within some percent; what the sweep tells is in the feedforward
+        assert found.data["parameters"][name] == pytest.approx(value, rel=0.05 if gain else 1e-3), name
     assert behind(RunFolder.open(run)) == []
 
 

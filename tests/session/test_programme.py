@@ -241,7 +241,7 @@ def test_strokes_fit_into_a_short_travel_however_slowly_their_acceleration_rises
 
 def test_a_response_is_planned_with_the_stiffness_that_the_belt_has_at_its_place(complete: Complete) -> None:
     """EA/l1 + EA/(2 l3 - l1), from where the first response was made, in the middle; without its lengths it stays as it is."""
-    machine: Any = SimpleNamespace(axis=AXIS, folder=complete.folder, position_m=0.02)
+    machine: Any = SimpleNamespace(axis=AXIS, folder=complete.folder, position_m=0.02, place_m=lambda at_m: at_m)
     found_m = complete.folder.recording("frf_1").sidecar.start_position_m
     assert found_m is not None
     model = data_sheet_model(AXIS, found_m, 0.1).with_values({"belt_stiffness.stiffness": 2e5})
@@ -250,4 +250,6 @@ def test_a_response_is_planned_with_the_stiffness_that_the_belt_has_at_its_place
     machine.axis = replace(AXIS, travel=replace(AXIS.travel, driven_side_offset_m=0.0))
     assert at_place(machine, model) == model
     machine.axis, machine.position_m = AXIS, found_m
+    assert at_place(machine, model) == model
+    machine.position_m, machine.place_m = -0.05, lambda _: None  # from where it began, which nobody knows
     assert at_place(machine, model) == model
