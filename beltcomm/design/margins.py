@@ -72,6 +72,38 @@ class Margins:
         return max(self.sensitivity_db, self.position_sensitivity_db)
 
 
+@dataclass(frozen=True)
+class WorstMargins:
+    """The least favourable margins of a cascade over all variants, the frequency, Hz, up to which both loops act at least."""
+
+    phase_margin_deg: float
+    position_phase_margin_deg: float
+    suppression_db: float
+    gain_margin_db: float
+    sensitivity_db: float
+    crossover_hz: float
+    position_crossover_hz: float
+    stable: bool
+
+
+def worst_of(margins: Sequence[Margins]) -> WorstMargins:
+    """The least favourable of all variants; a crossover is nan where none has one."""
+    velocity, position = (
+        min((rate for one in margins if math.isfinite(rate := getattr(one, f"{loop}crossover_rad_s"))), default=math.nan) / math.tau
+        for loop in ("", "position_")
+    )
+    return WorstMargins(
+        min(one.phase_margin_deg for one in margins),
+        min(one.position_phase_margin_deg for one in margins),
+        max(one.suppression_db for one in margins),
+        min(one.least_gain_margin_db for one in margins),
+        max(one.most_sensitivity_db for one in margins),
+        velocity,
+        position,
+        all(one.stable and one.velocity_stable for one in margins),
+    )
+
+
 def margins(cascade: Cascade, plants: Sequence[DesignPlant], period_s: float) -> tuple[Margins, ...]:
     """Margins of ``cascade`` on every plant.
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from beltcomm.control import Cascade
 from beltcomm.design.cascade import DesignResult
-from beltcomm.design.margins import Margins
+from beltcomm.design.margins import Margins, worst_of
 from beltcomm.errors import BeltcommError
 from beltcomm.fit.model_fit import SUSPECT_MISFIT
 from beltcomm.fit.noise_level import error_floor_words
@@ -160,17 +160,13 @@ def gain_lines(cascade: Cascade) -> list[Line]:
 
 
 def loop_lines(margins: Sequence[Margins], binding: Sequence[str]) -> list[Line]:
-    """Bandwidths (crossovers of an axis in motion; friction makes them less near standstill) with what limits them, the worst margins."""
-    velocity, position = (
-        max((rate for m in margins if math.isfinite(rate := getattr(m, f"{loop}crossover_rad_s"))), default=math.nan) / math.tau
-        for loop in ("", "position_")
-    )
-    first = f"{tr('bandwidth')}: {tr('velocity')} {_digits(velocity)} Hz, {tr('position')} {_digits(position)} Hz"
-    phase, other = min(m.phase_margin_deg for m in margins), min(m.position_phase_margin_deg for m in margins)
-    gain = min(m.least_gain_margin_db for m in margins)
-    ms = max(m.most_sensitivity_db for m in margins)
-    told = f"{gain:.3g} dB" if math.isfinite(gain) else tr("unlimited")
-    second = f"{tr('phase margin')} {phase:.0f}°, {tr('position')} {other:.0f}°   {tr('gain margin')} {told}   Ms {ms:.2g} dB"
+    """Bandwidths (crossovers) with what limits them, and margins: of all variants the worst."""
+    worst = worst_of(margins)
+    velocity, position = _digits(worst.crossover_hz), _digits(worst.position_crossover_hz)
+    first = f"{tr('bandwidth, at least')}: {tr('velocity')} {velocity} Hz, {tr('position')} {position} Hz"
+    told = f"{worst.gain_margin_db:.3g} dB" if math.isfinite(worst.gain_margin_db) else tr("unlimited")
+    phases = f"{tr('phase margin')} {worst.phase_margin_deg:.0f}°, {tr('position')} {worst.position_phase_margin_deg:.0f}°"
+    second = f"{phases}   {tr('gain margin')} {told}   Ms {worst.sensitivity_db:.2g} dB"
     rows = [Line("   ", (f"{tr('loop'):<9}", "title"), first), Line(" " * 12, second)]
     limits = list(dict.fromkeys(_limit(reason) for reason in binding))
     return rows + ([Line(" " * 12, shorten(f"{tr('limited by')} {', '.join(limits)}", WIDE - 12, placeholder=" ..."))] if limits else [])

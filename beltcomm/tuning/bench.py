@@ -18,7 +18,7 @@ from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.held_knobs import KnobPlants, gains_of_knobs, highest_position_margin, specification_of, suppression_range
 from beltcomm.design.knobs import Knobs
 from beltcomm.design.loops import loop_shape, sample_plants
-from beltcomm.design.margins import Margins, margins_on
+from beltcomm.design.margins import Margins, WorstMargins, margins_on, worst_of
 from beltcomm.design.specification import Specification
 from beltcomm.errors import Refused, UsageError
 from beltcomm.trajectory import Trajectory
@@ -38,20 +38,6 @@ T = TypeVar("T")
 
 #: deg and dB between points of the table.
 _MARGIN_STEP, _SUPPRESSION_STEP = 2.0, 0.5
-
-
-@dataclass(frozen=True)
-class WorstMargins:
-    """The least favourable margins of a cascade over all variants, the frequency, Hz, up to which both loops act at least."""
-
-    phase_margin_deg: float
-    position_phase_margin_deg: float
-    suppression_db: float
-    gain_margin_db: float
-    sensitivity_db: float
-    crossover_hz: float
-    position_crossover_hz: float
-    stable: bool
 
 
 @dataclass(frozen=True)
@@ -238,20 +224,6 @@ class Bench:
                 self._kept[key] = make()
         kept: T = self._kept[key]
         return kept
-
-
-def worst_of(margins: tuple[Margins, ...]) -> WorstMargins:
-    """The least favourable of all variants."""
-    return WorstMargins(
-        min(one.phase_margin_deg for one in margins),
-        min(one.position_phase_margin_deg for one in margins),
-        max(one.suppression_db for one in margins),
-        min(one.least_gain_margin_db for one in margins),
-        max(one.most_sensitivity_db for one in margins),
-        min(one.crossover_rad_s for one in margins) / (2.0 * math.pi),
-        min(one.position_crossover_rad_s for one in margins) / (2.0 * math.pi),
-        all(one.stable and one.velocity_stable for one in margins),
-    )
 
 
 def _placed(knobs: Knobs) -> Knobs:

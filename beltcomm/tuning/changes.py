@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from beltcomm.control import Cascade
-from beltcomm.tuning.bench import WorstMargins
+from beltcomm.design.margins import WorstMargins
 from beltcomm.verify import TrackingError
 
 #: Relative change below which a number counts as the same; what follows from several gains moves by more between two steps of a slider.
