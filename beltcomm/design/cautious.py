@@ -31,7 +31,7 @@ def uncertain_plants(plant: DesignPlant, uncertainty: float = 0.3) -> list[Desig
     """``plant`` and its corners: mass and stiffness each times 1 ± uncertainty, with none, a tenth and all of its damping.
 
     The damping of a first frequency response is mostly Coulomb friction in disguise.  A plant that states no belt damper gets
-    the one that makes a third of the resonance's damping, and ``LEAST_RESONANCE_DAMPING`` at least.
+    the one that makes a third of the resonance's damping; any has one that makes ``LEAST_RESONANCE_DAMPING`` at least.
 
     Raises
     ------
@@ -42,6 +42,9 @@ def uncertain_plants(plant: DesignPlant, uncertainty: float = 0.3) -> list[Desig
         raise UsageError(f"the uncertainty of the first plant is {uncertainty}; give a share between 0 and 1, such as 0.3")
     if plant.belt_damping_ns_m == 0.0:
         plant = with_resonance_damping(plant, max(LEAST_RESONANCE_DAMPING, plant.resonance_damping / 3.0))
+    least = with_resonance_damping(plant, LEAST_RESONANCE_DAMPING)
+    if plant.belt_damping_ns_m < least.belt_damping_ns_m:  # a first response hardly tells it, and without it there is no loop at all
+        plant = least
     ends = (1.0 - uncertainty, 1.0 + uncertainty)
     result = []
     for m, c in [(1.0, 1.0), *itertools.product(ends, repeat=2)]:

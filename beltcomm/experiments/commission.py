@@ -31,10 +31,10 @@ from beltcomm.experiments import (
     verification,
 )
 from beltcomm.experiments.proving import Sending, learn_gains, verify_move
-from beltcomm.experiments.recentre import MOST_STOPS, bring_back, may_not_excite, stands, stands_after
+from beltcomm.experiments.recentre import MOST_STOPS, QUIETER, bring_back, may_not_excite, stands, stands_after
 from beltcomm.fit.acting import acting_recording
 from beltcomm.fit.stated_reading import stated_remarks
-from beltcomm.identify.amplitude import AmplitudeStep, family_around, unknown_masses_kg
+from beltcomm.identify.amplitude import AmplitudeStep, family_around, half_friction, unknown_masses_kg
 from beltcomm.identify.final import FinalModel, evidence, final_model
 from beltcomm.identify.standstill import largest
 from beltcomm.language import tr
@@ -60,10 +60,10 @@ from beltcomm.talk import choose
 VERIFYING_S = 4.0
 #: The same for a velocity loop, which follows slow moves only and takes several tries to arrive anywhere.
 DRIFTING_S = 22.0
-#: Share of the torque with which a record is made again after the carriage went too far.
-QUIETER = 0.7
 #: What follows a path that a first loop was left behind by is driven so many times slower, and no slower than that in all.
 SLOWER, SLOWEST_PACE = 0.5, 0.13
+#: Times the torque of breaking away, below which an excitation tells nothing.
+MOVES_AT = 1.2
 #: s of machine time that finding sign and breakaway takes as a rule.
 CREPT_S = 2.0
 #: s, from where a dead time is looked for; evidence that it must have.
@@ -129,19 +129,22 @@ def first_response(machine: Machine, findings: Findings, excited: Excited, secon
     SafetyStop
         When stops have used up what the session goes on after, NoMotion when no torque allowed moves the axis.
     """
-    above_nm = 0.0
+    above_nm, model = 0.0, excited.model
     while True:
         # A carriage that went too far is not held by friction: no sequence is tried that is louder for leaving out the resonance.
-        chosen = partial(phases.response_to_come, machine, excited.model, excited.at_most_nm, loud=not machine.wanderings)
+        chosen = partial(phases.response_to_come, machine, model, excited.at_most_nm, loud=not machine.wanderings)
         choice, step = execute_step.short_if_possible(chosen, seconds)
         phases.louder(machine, step, above_nm)
         try:
-            phases.planned_response(machine, "frf_1", excited.model, choice, step)
+            phases.planned_response(machine, "frf_1", model, choice, step)
             return
         except SafetyStop as problem:
             if not stands_after(machine, problem) or may_not_excite(machine):
                 raise
-            most_nm, seconds = QUIETER * step.amplitude_nm, min(seconds, SHORT_S)  # how far it wanders grows with the time
+            moves_nm = MOVES_AT * findings.breakaway.coulomb_nm if findings.breakaway else 0.0
+            most_nm = max(QUIETER * step.amplitude_nm, min(step.amplitude_nm, moves_nm))
+            seconds = min(seconds, SHORT_S)  # how far it wanders grows with the time
+            model = half_friction(model)  # which a first record told too high
             excited = findings.excited = replace(excited, step=replace(step, amplitude_nm=most_nm), at_most_nm=most_nm)
             findings.remarks.append(f"frf_1 is made with at most ±{most_nm:.3f} N m, after this: {problem}")
         except NoMotion:
@@ -254,7 +257,12 @@ def first_cascade(machine: Machine, findings: Findings, model: Model, at_m: floa
     margin = min(m.phase_margin_deg for m in result.margins)
     if findings.swing is not None:
         margin = min(margin, payload_mode_in_first_fit.proven_margin_deg(findings.swing, result.cascade, structure, *seen))
-    return analyse.with_feedforward(result.cascade, model, structure, delay(findings)), margin
+    cascade = analyse.with_feedforward(result.cascade, model, structure, delay(findings))
+    if findings.breakaway is None:
+        return cascade, margin
+    # A short record tells friction badly, and more than there is drives a weak loop over its ends.
+    sent, most_nm = cascade.feedforward, findings.breakaway.most_friction_nm(model, analyse.moved_inertia(model))
+    return replace(cascade, feedforward=replace(sent, coulomb_nm=min(sent.coulomb_nm, most_nm))), margin
 
 
 def close_loop(machine: Machine, findings: Findings, model: Model, cascade: Cascade, margin: float, *, ask: bool = False) -> Cascade:

@@ -73,6 +73,8 @@ LOST_M = 5e-2
 SPEED_SHARE = 0.95
 #: Share of what strokes leave free at the ends that a loop which is not tuned yet must not use.
 LAST_BIT = 0.25
+#: Share of what a path leaves free at an end of the travel that positioning keeps off.
+FREE_END = 0.5
 #: Share of the belt's force that motions take which nobody asked for.
 GENTLE_SHARE = 1.0 / 3.0
 
@@ -308,11 +310,7 @@ def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = P
     """
     if machine.drive.capabilities.gains == "unknown" and not machine.loop_tried:
         _feel_loop(machine, target_m, model, slow_m_s)
-    limits, envelope, period = (
-        gentle_limits(machine, model, slow_m_s),
-        untuned_envelope(machine),
-        machine.drive.capabilities.sample_period_s,
-    )
+    limits, period = gentle_limits(machine, model, slow_m_s), machine.drive.capabilities.sample_period_s
 
     def way(share: float) -> Trajectory:
         plan = partial(plan_trajectory, machine.position_m, target_m, sample_period_s=period)
@@ -321,7 +319,8 @@ def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = P
     for _ in range(POSITIONING_TRIES):  # the velocity loop ends a little beside its goal
         if abs(machine.position_m - target_m) < ARRIVED_M:
             return
-        machine.run(machine.follow(positioning(machine, way, envelope.lag_m), machine.stroking()), envelope)
+        path, envelope = positioning(machine, way, positioning_envelope)
+        machine.run(machine.follow(path, machine.stroking()), envelope)
     if abs(machine.position_m - target_m) > ASTRAY_M:
         raise SafetyStop(
             f"the carriage stands at {machine.position_m:.4f} m instead of {target_m:.4f} m after a move; the loop does not hold it",
@@ -349,6 +348,14 @@ def _feel_loop(machine: Machine, target_m: float, model: Model, slow_m_s: float)
 def untuned_envelope(machine: Machine) -> Envelope:
     """The whole axis for a loop that is not tuned yet.  The drive's own window counts motor revolutions, whatever the gearbox."""
     return replace(machine.envelope(), lag_m=LOST_M + own_strokes.LAG_M * (own_strokes.kpp_1_s(machine) < np.inf))
+
+
+def positioning_envelope(machine: Machine, path: Trajectory) -> Envelope:
+    """The axis for positioning by such a loop, without half of what the path leaves free at its ends: what overshoots is to stop there."""
+    envelope = untuned_envelope(machine)
+    low, high = envelope.window_m
+    ends = float(np.min(path.position_m)), float(np.max(path.position_m))
+    return replace(envelope, window_m=(low + FREE_END * max(ends[0] - low, 0.0), high - FREE_END * max(high - ends[1], 0.0)))
 
 
 def stroke_envelope(machine: Machine) -> Envelope:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from beltcomm.errors import NoMotion, Refused, SafetyStop
 from beltcomm.experiments.phases import BELT_SHARE, excitation_envelope, motion_limits, without_offset
-from beltcomm.experiments.recentre import stands_after
+from beltcomm.experiments.recentre import QUIETER, may_not_excite, stands_after
 from beltcomm.fit.acting import acting_recording
 from beltcomm.fit.first_estimate import data_sheet_model, moves_enough, stiffness_range
 from beltcomm.fit.first_path import first_path
@@ -105,9 +105,14 @@ def raise_amplitude(
         try:
             recordings.append(_record_of_step(machine, name, following, kept))
         except SafetyStop as problem:
-            if found is None or not stands_after(machine, problem):
-                raise
             louder = following.step.amplitude_nm  # the model does not know it well enough: no louder than what stayed inside
+            if (found is None and QUIETER * louder < OVER_BREAKAWAY * breakaway.coulomb_nm) or not stands_after(machine, problem):
+                raise
+            if found is None:
+                if may_not_excite(machine):
+                    raise
+                at_most = QUIETER * louder
+                continue
             machine.talk.say(f"±{louder:.3f} N m let the carriage wander too far; the search ends with ±{found.at_most_nm:.3f} N m")
             return found
         except NoMotion:

@@ -13,6 +13,8 @@ from beltcomm.schedule.steps import Step
 
 #: Stops after which a session excites no more: a third one, with less torque each time, is no accident.
 MOST_STOPS = 3
+#: Share of the torque with which a record is made again after the carriage went too far.
+QUIETER = 0.7
 #: s of looking whether the carriage stands, and m it may move then.
 LOOK_S, STANDS_M = 0.2, 5e-5
 #: m/s of bringing the carriage back.

@@ -16,6 +16,7 @@ from beltcomm.control import Cascade, Feedforward, feedforward_torque
 from beltcomm.drive import FOLLOWING_ERROR_S, GUARD_S, LoopKind
 from beltcomm.errors import Refused
 from beltcomm.machine.closed_loop_watch import lent_torque_nm
+from beltcomm.machine.envelope import Envelope
 from beltcomm.machine.machine import Machine
 from beltcomm.machine.prediction_watch import SURPRISE
 from beltcomm.model import Model
@@ -52,10 +53,18 @@ class StopsOutOfMove:
         Along the drive's ramp at once, by Ctrl-C or by a fault of the drive.
     host_lost : StopOutOfMove
         By the drive itself, as soon as it notices that setpoints stand still.
+    completed : StopOutOfMove
+        None: the move to its end, with what it overshoots.
     """
 
     asked_for: StopOutOfMove = NO_STOP
     host_lost: StopOutOfMove = NO_STOP
+    completed: StopOutOfMove = NO_STOP
+
+    def inside(self, window_m: tuple[float, float]) -> bool:
+        """True if neither the move nor a stop out of it leaves a window."""
+        farthest = self.asked_for | self.host_lost | self.completed
+        return window_m[0] <= farthest.low_m and farthest.high_m <= window_m[1]
 
 
 def host_loss_limit_n(axis: Axis) -> float:
@@ -83,35 +92,39 @@ def belt_force_limit_n(machine: Machine, model: Model, speed_m_s: float, swing: 
     return swing * (machine.axis.belt_force_limit_n + friction) - machine.weight_n
 
 
-def positioning(machine: Machine, plan: Callable[[float], Trajectory], lag_m: float | None) -> Trajectory:
-    """A motion that is only a means, by a loop in the drive, as fast as the belt bears stops out of it; as planned where nobody knows that
-    loop, or the drive makes its strokes by itself.
+def positioning(
+    machine: Machine, plan: Callable[[float], Trajectory], within: Callable[[Machine, Trajectory], Envelope]
+) -> tuple[Trajectory, Envelope]:
+    """A motion that is only a means, by a loop in the drive, and its envelope: as fast as the belt bears stops out of it and the envelope
+    what it overshoots; as planned where nobody knows that loop, or the drive makes its strokes by itself.
 
     Parameters
     ----------
     plan : callable
         Of a share of its speed, to the motion with its rest.
-    lag_m : float or None
-        As of :func:`worst_stops`; None lets any pass.
+    within : callable
+        Of the machine and a motion, to the envelope that it is made in.
     """
     sent, loop, own, kind = plan(1.0), machine.cascade, machine.drive.capabilities, machine.stroking()
     if machine.closed is None or loop is None or kind == "profile" or own.gains == "unknown":
-        return sent
+        return sent, within(machine, sent)
     model, delay_s = machine.closed
     drive = Loop(own.structure, delay_s, own.peak_torque_nm, own.counts_per_rev)
     loop = replace(loop, feedforward=machine.feedforward or loop.feedforward)
     for share in POSITIONING_SHARES:
         sent = plan(share)
-        lag = math.inf if lag_m is None else lag_m
+        envelope = within(machine, sent)
+        lag = math.inf if envelope.lag_m is None else envelope.lag_m
         found = worst_stops(machine, model, loop, drive, sent, lag, instants=POSITIONING_INSTANTS, kind=kind)
         limit = belt_force_limit_n(machine, model, float(np.max(np.abs(sent.velocity_m_s))), STOP_SWING)
-        if found.asked_for.belt_force_n <= limit and found.host_lost.belt_force_n <= HOST_LOSS_SWING * machine.axis.belt_force_limit_n:
+        borne = found.asked_for.belt_force_n <= limit and found.host_lost.belt_force_n <= HOST_LOSS_SWING * machine.axis.belt_force_limit_n
+        if borne and found.inside(envelope.window_m):
             break
     machine.folder.journal(
         f"positioning: a stop out of it {found.asked_for.belt_force_n:.0f} N in the belt, PC or bus lost in it "
         f"{found.host_lost.belt_force_n:.0f} N" + (f"; at {share:.2g} times its speed for that" if share < 1.0 else "")
     )
-    return sent
+    return sent, envelope
 
 
 def worst_stops(
@@ -181,4 +194,6 @@ def worst_stops(
         around = np.linspace(ends[max(most - 1, 0)], ends[min(most + 1, len(ends) - 1)], FINER + 2).astype(int)[1:-1]
         return reduce(or_, (*found, *(at(int(end), reaction) for end in around)))
 
-    return StopsOutOfMove(worst(replace(lost, window_rad=math.inf, guard_s=0.0)), worst(lost))
+    places = start_m + whole.cart_m
+    completed = StopOutOfMove(float(np.ptp(places)), float(places.min()), float(places.max()), float(whole.belt_force_n.max()))
+    return StopsOutOfMove(worst(replace(lost, window_rad=math.inf, guard_s=0.0)), worst(lost), completed)

@@ -34,6 +34,9 @@ from beltcomm.simulate.stopping import (
 LIGHTER_SHARE = 0.5
 #: Spread of mass, stiffness and friction around a first estimate.
 FIRST_ESTIMATE_SPREAD = 0.15
+#: Share of a damping that nobody measured yet which counts: a short record tells it badly, and with less of it the belt swings more and the
+#: carriage goes further.
+UNMEASURED_DAMPING = 0.5
 #: A stop is counted from this share of the predicted carriage speed, and a record is stopped at this share of the predicted motor
 #: speed and what coarse encoders add, m/s.
 SPEED_RESERVE, ENCODER_SLACK_M_S = 1.5, 0.01
@@ -162,15 +165,20 @@ def unknown_payload(
     family = []
     for mass in masses_kg:
         for factor in (0.75 * stiffness_shares[0], 1.25 * stiffness_shares[1]):
-            family.append(_half_friction(model.with_values({"cart.mass": mass, **_scale_values(model, _stiffness_names(model), factor)})))
+            family.append(half_friction(model.with_values({"cart.mass": mass, **_scale_values(model, _stiffness_names(model), factor)})))
     return family
 
 
 def family_around(model: Model) -> list[Model]:
-    """Family around an estimate: mass and stiffness apart by ``FIRST_ESTIMATE_SPREAD``, friction and belt damping lowered by it."""
-    lossy = [n for n in model.parameters if n.endswith((".damping", ".level")) and not n.startswith("coupling")]
-    calmer = model.with_values(_scale_values(model, lossy, 1.0 - FIRST_ESTIMATE_SPREAD))
-    stiff, apart = _stiffness_names(model), FIRST_ESTIMATE_SPREAD
+    """Family around an estimate: mass and stiffness apart by ``FIRST_ESTIMATE_SPREAD``, friction and belt damping lowered by it.
+
+    Dampings that nobody measured yet count with ``UNMEASURED_DAMPING`` of them.
+    """
+    known, apart = model.parameters, FIRST_ESTIMATE_SPREAD
+    levels = [n for n in known if n.endswith((".damping", ".level")) and not n.startswith("coupling")]
+    untold = {n for n in levels if n.endswith(".damping") and known[n].interval is None}
+    calmer = model.with_values({n: model[n] * (UNMEASURED_DAMPING if n in untold else 1.0 - apart) for n in levels})
+    stiff = _stiffness_names(model)
     return [
         model,
         *(
@@ -319,7 +327,8 @@ def _scale_values(model: Model, names: Sequence[str], factor: float) -> dict[str
     return {name: model[name] * factor for name in names}
 
 
-def _half_friction(model: Model) -> Model:
+def half_friction(model: Model) -> Model:
+    """The model with half of its friction: with less of it a carriage goes further."""
     return model.with_values(_scale_values(model, _friction_names(model), 0.5))
 
 

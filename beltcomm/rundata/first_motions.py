@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -40,13 +41,32 @@ class Breakaway:
         """Half the difference of the two: friction."""
         return 0.5 * (self.forward_nm + self.backward_nm)
 
-    def least_friction_nm(self, inertia_kg_m2: float, ratio: float) -> float:
-        """Lower bound of the friction in motion, N m, on an axis with this inertia at the motor; 0 when nothing is.
+    def overcome_nm(self, inertia_kg_m2: float, ratio: float) -> float:
+        """Friction that was overcome, N m, on an axis with this inertia at the motor.
 
         The torque went on rising until the carriage had moved by ``MOVED_M``:  x = i_t Ṁ t³/6J  gives by how much.
         """
         rising_s = (6.0 * MOVED_M * inertia_kg_m2 / (ratio * self.slope_nm_s)) ** (1.0 / 3.0) if self.slope_nm_s else 0.0
-        return max(0.0, SLIDING_SHARE * (self.coulomb_nm - self.slope_nm_s * rising_s) - abs(self.holding_nm - self.held_nm))
+        return max(0.0, self.coulomb_nm - self.slope_nm_s * rising_s)
+
+    def least_friction_nm(self, inertia_kg_m2: float, ratio: float) -> float:
+        """Lower bound of the friction in motion, N m, on an axis with this inertia at the motor; 0 when nothing is."""
+        return max(0.0, SLIDING_SHARE * self.overcome_nm(inertia_kg_m2, ratio) - abs(self.holding_nm - self.held_nm))
+
+    def most_friction_nm(self, model: Model, inertia_kg_m2: float) -> float:
+        """Upper bound of the friction in motion, N m; infinite where the carriage may still have stood when the motor moved.
+
+        It did not where a belt stretched by ``MOVED_M`` pulls harder than all that was overcome:  i_t c x > τ.
+
+        Parameters
+        ----------
+        inertia_kg_m2 : float
+            Of the whole axis at the motor.
+        """
+        ratio = model["transmission.ratio"]
+        overcome_nm = self.overcome_nm(inertia_kg_m2, ratio)
+        stretched_nm = math.inf if model.rigid else ratio * model["belt_stiffness.stiffness"] * MOVED_M
+        return overcome_nm if stretched_nm > overcome_nm else math.inf
 
     @property
     def holding_nm(self) -> float:

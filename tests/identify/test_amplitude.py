@@ -25,7 +25,7 @@ from beltcomm.identify.amplitude import (
     unknown_masses_kg,
     unknown_payload,
 )
-from beltcomm.model import Model
+from beltcomm.model import Model, load_plant
 from beltcomm.recording import Sidecar
 from beltcomm.simulate.stopping import Braking
 from identify.records import PERIOD_S, Recorder, true_model
@@ -159,14 +159,26 @@ def test_a_torque_limit_that_is_just_reached_binds(family: Sequence[Model]) -> N
 
 
 def test_the_machine_keeps_the_limits_that_were_planned() -> None:
-    """100 N at the belt, thesis.md 3: the amplitude found for G_A and G_B lies near the 0.3 N m at which they have 55 to 89 N."""
+    """100 N at the belt, thesis.md 3: the amplitude found for G_A and G_B lies near the 0.3 N m at which they have 55 to 89 N.
+
+    Below it, because dampings that nobody measured count half.
+    """
     limits = MotionLimits(0.03, 5.0, 1.24, 90.0)
     for rig in ("g_a", "g_b"):
         plant = draw(rig, np.random.default_rng(56))
         step = largest_amplitude(family_around(true_model(plant)), UNIT, PERIOD_S, AT_M, limits, 1.24)
         truth = driven(plant, step.amplitude_nm * UNIT)
         assert max(truth.use_of(limits).values()) <= 1.0
-        assert 0.2 < step.amplitude_nm < 0.6
+        assert 0.15 < step.amplitude_nm < 0.6
+
+
+def test_dampings_that_nobody_measured_count_half() -> None:
+    """The guess of an axis file, or of a short record: with less the belt swings more, and the carriage goes further."""
+    guessed = load_plant("g_a").model
+    measured = replace(guessed, parameters={n: replace(one, interval=0.1 * abs(one.value)) for n, one in guessed.parameters.items()})
+    for name in ("belt_damping.damping", "viscous.damping"):
+        assert min(m[name] for m in family_around(guessed)) == pytest.approx(0.5 * guessed[name])
+        assert min(m[name] for m in family_around(measured)) == pytest.approx(0.85 * measured[name])
 
 
 def test_no_room_is_refused_with_what_binds(family: Sequence[Model]) -> None:

@@ -15,6 +15,9 @@ from session.drawn_axis import commissioned
     [
         202,  # wandered out of what was foreseen in each of three responses
         204,  # swings so fast that position and speed seemed to contradict each other
+        430,  # a coarse encoder told ten times the viscous friction: it went further than was foreseen, and its strokes left the travel
+        441,  # wandered out of its first excitation
+        446,  # soft belt: its breakaway told half of its friction, and a weak loop did not move it
         210,  # its strokes did not fit into its travel, then it left that with a weak first loop
     ],
 )

@@ -25,7 +25,7 @@ from beltcomm.identify.amplitude import AmplitudeStep, Prediction
 from beltcomm.machine.machine import Machine
 from beltcomm.model import load_plant
 from beltcomm.recording.sidecar import ExcitationNote, Sidecar
-from beltcomm.rundata.first_motions import Excited
+from beltcomm.rundata.first_motions import Breakaway, Excited
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.steps import Step
 from beltcomm.talk import Silence
@@ -201,7 +201,7 @@ def test_a_first_response_that_wanders_is_made_again_with_less_torque(
     monkeypatch.setattr(phases, "motion_limits", lambda *_: None)
     monkeypatch.setattr(phases, "total_friction", lambda _model: friction_nm)
     monkeypatch.setattr(phases.analyse, "characteristic_hz", lambda *_: (40.0, 90.0))
-    findings: Any = SimpleNamespace(remarks=[], excited=None)
+    findings: Any = SimpleNamespace(remarks=[], excited=None, breakaway=Breakaway(0.05, 0.05))
     excited = Excited(AmplitudeStep(0.5, Prediction(0.0, 0.0, 0.0, 0.0), "belt force"), (), load_plant("g_b").model, 0.4)
     machine: Any = Standing(*[0.27] * 20)
     machine.drive.capabilities = SimpleNamespace(sample_period_s=1e-3)

@@ -202,11 +202,20 @@ def test_positioning_is_slowed_down_for_a_stop_out_of_it(
         )
         whole = top_of(plan(1.0))
         assert 400.0 * whole > stops_out_of_move.HOST_LOSS_SWING * FEED_N
-        assert top_of(stops_out_of_move.positioning(machine, plan, 0.05)) == whole  # nobody knows the loop
+        assert top_of(stops_out_of_move.positioning(machine, plan, phases.positioning_envelope)[0]) == whole  # nobody knows the loop
         machine.closed, machine.cascade = (model, 1e-3), cascade
-        slowed = top_of(stops_out_of_move.positioning(machine, plan, 0.05))
+        slowed = top_of(stops_out_of_move.positioning(machine, plan, phases.positioning_envelope)[0])
         assert slowed < whole
         assert 400.0 * slowed <= stops_out_of_move.HOST_LOSS_SWING * FEED_N
+        monkeypatch.setattr(  # as far over its end as it is fast
+            stops_out_of_move,
+            "worst_stops",
+            lambda *args, **_: StopsOutOfMove(completed=lost_with(0.0, high_m=0.4 + 0.2 * top_of(args[4]))),
+        )
+        sent, envelope = stops_out_of_move.positioning(machine, plan, phases.positioning_envelope)
+        free_m = machine.envelope().window_m[1] - 0.4
+        assert envelope.window_m[1] == pytest.approx(0.4 + 0.5 * free_m)
+        assert 0.2 * top_of(sent) <= 0.5 * free_m < 0.2 * whole
     said = (folder.path / "journal.txt").read_text(encoding="utf-8")
     assert f"PC or bus lost in it {400.0 * slowed:.0f} N; at 0." in said
 

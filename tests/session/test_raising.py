@@ -42,6 +42,7 @@ class Search:
             asked=AS_CHOSEN,
             ratio=1.0,
             withdrawing=nullcontext,
+            wanderings=0,
         )
         for name, stand_in in {
             "unknown_axis": lambda *_: (MODEL, [MODEL]),
@@ -120,10 +121,27 @@ def test_a_carriage_that_wanders_ends_the_search_with_what_stayed_inside(monkeyp
     assert found.step.amplitude_nm == found.at_most_nm == pytest.approx(0.34)
 
 
+def test_a_first_record_that_wanders_is_made_again_with_less_torque(monkeypatch: pytest.MonkeyPatch) -> None:
+    search = Search(monkeypatch)
+    search.stops_from_nm = 0.19
+    found = search()
+    assert [a for a, _ in search.made] == [0.14]
+    assert found.at_most_nm == pytest.approx(0.14)
+
+
 @pytest.mark.parametrize(("stops_from_nm", "reason", "stands"), [(0.1, "position", True), (0.5, "speed", True), (0.5, "position", False)])
 def test_any_other_stop_ends_the_session(monkeypatch: pytest.MonkeyPatch, stops_from_nm: float, reason: str, stands: bool) -> None:
-    """At the first record nothing is known yet; speed would come again; what still rolls is no place to go on from."""
+    """A first record cannot be much quieter than friction; speed would come again; what still rolls is no place to go on from."""
     search = Search(monkeypatch)
     search.stops_from_nm, search.reason, search.stands = stops_from_nm, reason, stands
     with pytest.raises(SafetyStop):
         search()
+
+
+@pytest.mark.parametrize(("slope_nm_s", "most_nm"), [(0.0, 0.1), (0.5, 0.1 - 0.5 * (6.0 * 5e-5 * 1e-4 / (0.0133 * 0.5)) ** (1.0 / 3.0))])
+def test_breaking_away_bounds_the_friction_where_the_belt_is_stiff(slope_nm_s: float, most_nm: float) -> None:
+    """While it was noticed the torque rose on:  x = i_t Ṁ t³/6J.   A soft belt lets the motor move beside a carriage that stands."""
+    breakaway = Breakaway(0.1, 0.1, slope_nm_s)
+    stiff, soft = (MODEL.with_values({"transmission.ratio": 0.0133, "belt_stiffness.stiffness": c}) for c in (2e5, 1e4))
+    assert breakaway.most_friction_nm(stiff, 1e-4) == pytest.approx(most_nm)
+    assert breakaway.most_friction_nm(soft, 1e-4) == float("inf")
