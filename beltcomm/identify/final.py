@@ -34,6 +34,8 @@ CURVATURE_STEP = 0.01
 #: m; records nearer to each other than this cannot tell a law of the stiffness along the travel.
 PLACES_APART_M = 0.05
 RIGID = "nothing is known to swing between motor and load: both move as one"
+#: How much more one of two fits may keep to be compared by its objective.
+OTHER_SAMPLES = 1.5
 ONE_PLACE = "rows come too seldom to compare places: stiffness taken as constant"
 
 
@@ -146,10 +148,14 @@ def refuse_jumps(recordings: Sequence[Recording], fit: ModelFit, counts_per_rev:
 def evidence(richer: ModelFit, plainer: ModelFit) -> float:
     """By how much a model with more parameters is the better one: fall of the objective beyond ln n for each parameter more (BIC).
 
-    The two keep slightly different samples, so the objective is compared per sample.
+    The two keep slightly different samples, so the objective is compared per sample; where one keeps ``OTHER_SAMPLES`` times as many, which
+    are samples of another kind (a carriage that hardly slides), the mean squares are.
     """
     samples = 0.5 * (richer.samples + plainer.samples)
     fall = samples * (plainer.objective / plainer.samples - richer.objective / richer.samples)
+    fewer, more = sorted((richer.samples, plainer.samples))
+    if more > OTHER_SAMPLES * fewer:
+        samples, fall = fewer, fewer * (plainer.misfit - richer.misfit)
     return float(fall - (len(richer.free) - len(plainer.free)) * np.log(samples))
 
 
