@@ -284,7 +284,7 @@ class CanopenDrive(ObjectDrive):
         try:
             with objects.lend() as lending:
                 prepare(objects, lending, self._machine, self._profile, scaling, layout, period_s, limits, motion)
-                self._tell(lending.altered)
+                self._tell(tuple(lending.altered))
                 unit_s = scaling.speed_rad_s / scaling.position_rad
                 exchange = Exchange(
                     link, objects, lending, period_s, layout.received, self._arrangement, unit_s, self._profile.mapped_torque,

@@ -235,10 +235,11 @@ def believes_ramp(objects: Objects, lending: Lending, scaling: Scaling, speed_ra
     own = None if scaling.acceleration_told else objects.read_if_there(0x6085, 0, "uint32")
     if not own or speed_rad_s / scaling.acceleration(own) < _LONGEST_STOP_S:
         return True
-    lending.altered.append(
+    text = (
         f"6085h (quick stop) stays as it is set there, {own}, and ramps with it: in the drive's unit of speed per second that would be a "
         f"stop of {speed_rad_s / scaling.acceleration(own):.3g} s, so it means something else; state acceleration_unit in a profile"
     )
+    lending.altered[text] = 0x6085
     return False
 
 
@@ -275,7 +276,7 @@ def limit(
         raise DriveError(
             f"{text}: a stop would load the belt more than planned; check its unit (60AAh) and its bounds with the maker's tool"
         )
-    lending.altered.append(text)
+    lending.altered[text] = index
 
 
 def interpolation_time(period_s: float) -> tuple[int, int]:

@@ -315,13 +315,13 @@ class Lending:
     refused
         What the drive has and did not let be written, of what it could do without.
     altered
-        What it took otherwise, in words.
+        What it took otherwise, in words, with the object.
     """
 
     def __init__(self, objects: Objects) -> None:
         self._objects = objects
         self.refused: list[ObjectRefused] = []
-        self.altered: list[str] = []
+        self.altered: dict[str, int] = {}
         self._lent: list[tuple[int, int, str, float]] = []
         self._unchanged: set[tuple[int, int]] = set()  # lent, but what stands there is what is to be given back
 

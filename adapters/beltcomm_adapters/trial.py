@@ -118,7 +118,7 @@ def _settings(
     torque = SHARE * (objects.read_if_there(0x6072, 0, "uint16") or 1000) * scaling.torque_nm
     limits = Limits(here - AROUND_RAD, here + AROUND_RAD, AROUND_RAD, torque, STOP_RAD_S2, LAG_RAD)
     refused: dict[tuple[int, int], str] = {}
-    altered: dict[str, None] = {}
+    altered: dict[str, int] = {}
     for kind, mode in profile.modes.items():
         if mode not in modes:
             continue
@@ -132,15 +132,15 @@ def _settings(
             remedy = "set it with the maker's tool, or choose the --profile of this drive"
             yield Finding(AREA, f"settings, {kind}", "wrong" if kind in NEEDED else "warning", text, remedy)
         refused |= {(error.index, error.subindex): refused_words(error) for error in lending.refused}
-        altered |= dict.fromkeys(lending.altered)
+        altered |= lending.altered
     with objects.lend() as lending:
-        if not any("6085h" in text for text in altered):
+        if 0x6085 not in altered.values():
             believes_ramp(objects, lending, scaling, fastest_rad_s)
-        altered |= dict.fromkeys(lending.altered)
+        altered |= lending.altered
     for place, text in refused.items():
-        yield Finding(AREA, f"limit {name_of(*place)}", "warning", text)
-    for text in altered:
-        yield Finding(AREA, "limit", "warning", text)
+        yield Finding(AREA, f"limit {name_of(*place)}", "warning", text, values={"limit_object": place[0]})
+    for text, index in altered.items():
+        yield Finding(AREA, "limit", "warning", text, values={"limit_object": index})
     if not refused and not altered:
         yield Finding(AREA, "limits", "ok", "the drive takes the limits and ramps of a record (tried, put back)")
 

@@ -278,6 +278,8 @@ class Capabilities:
         Those of them whose meaning nobody knows yet: :meth:`Drive.write` refuses to change them until :meth:`Drive.calibrate` has told.
     cautions : tuple of str
         What of the limits that a record sets it does not take, and what stops the axis instead, in sentences.
+    not_taken : frozenset of int
+        The objects that hold these limits.
     gains
         What can be done with the gains of its loops.
     gain_terms
@@ -319,6 +321,7 @@ class Capabilities:
     gains: GainAccess = "writable"
     gain_terms: tuple[GainTerm, ...] = ()
     cautions: tuple[str, ...] = ()
+    not_taken: frozenset[int] = frozenset()
     exchange: str = ""
     torque_scale: str = ""
     shortest_guard_s: float | None = None

@@ -27,7 +27,9 @@ def able(drive: Drive, kind: MotionKind) -> Drive:
         if wrong := [f"{one.text}; {one.remedy}" for one in found if one.state == "wrong"]:
             drive.close()
             raise DriveError(f"{has.name} cannot be recorded: {wrong[0]}; nothing was moved")
-        drive.capabilities = replace(has, cautions=tuple(one.text for one in found if one.state == "warning"))
+        cautions = tuple(one.text for one in found if one.state == "warning")
+        refused = frozenset(int(one.values["limit_object"]) for one in found if "limit_object" in one.values)
+        drive.capabilities = replace(has, cautions=cautions, not_taken=refused)
         return drive
     drive.close()
     why = has.refused.get(kind) or f"it offers motions of kind {', '.join(sorted(has.kinds)) or 'none'}, not {kind}"

@@ -261,7 +261,8 @@ def first_cascade(machine: Machine, findings: Findings, model: Model, at_m: floa
     if findings.breakaway is None:
         return cascade, margin
     # A short record tells friction badly, and more than there is drives a weak loop over its ends.
-    sent, most_nm = cascade.feedforward, findings.breakaway.most_friction_nm(model, analyse.moved_inertia(model))
+    stiffness, inertia, ratio = result.plants[0].stiffness_n_m, analyse.moved_inertia(model), model["transmission.ratio"]
+    sent, most_nm = cascade.feedforward, findings.breakaway.most_friction_nm(stiffness, inertia, ratio)
     return replace(cascade, feedforward=replace(sent, coulomb_nm=min(sent.coulomb_nm, most_nm))), margin
 
 

@@ -68,7 +68,8 @@ def lent_torque_nm(machine: Watched, model: Model, torque_nm: NDArray[np.float64
     """Torque beyond which a drive with a known loop does not go while it makes a motion, N m: its limit 6072h is lent for that, where it
     takes one.   torque_nm : as of :func:`planned_torque_nm`."""
     own = machine.drive.capabilities
-    if LIMIT_NAMES[0] not in own.parameters or any("6072h" in said for said in own.cautions):
+    limit = own.parameters.get(LIMIT_NAMES[0])
+    if limit is None or limit.index in own.not_taken:
         return own.peak_torque_nm
     return min(own.peak_torque_nm, machine.envelope().torque_nm, OVER_PLAN * planned_torque_nm(machine, model, torque_nm))
 

@@ -53,20 +53,20 @@ class Breakaway:
         """Lower bound of the friction in motion, N m, on an axis with this inertia at the motor; 0 when nothing is."""
         return max(0.0, SLIDING_SHARE * self.overcome_nm(inertia_kg_m2, ratio) - abs(self.holding_nm - self.held_nm))
 
-    def most_friction_nm(self, model: Model, inertia_kg_m2: float) -> float:
+    def most_friction_nm(self, stiffness_n_m: float, inertia_kg_m2: float, ratio: float) -> float:
         """Upper bound of the friction in motion, N m; infinite where the carriage may still have stood when the motor moved.
 
         It did not where a belt stretched by ``MOVED_M`` pulls harder than all that was overcome:  i_t c x > τ.
 
         Parameters
         ----------
-        inertia_kg_m2 : float
-            Of the whole axis at the motor.
+        stiffness_n_m : float
+            Of the belt, infinite on a rigid axis.
+        inertia_kg_m2, ratio : float
+            Of the whole axis at the motor; i_t, m/rad.
         """
-        ratio = model["transmission.ratio"]
         overcome_nm = self.overcome_nm(inertia_kg_m2, ratio)
-        stretched_nm = math.inf if model.rigid else ratio * model["belt_stiffness.stiffness"] * MOVED_M
-        return overcome_nm if stretched_nm > overcome_nm else math.inf
+        return overcome_nm if ratio * stiffness_n_m * MOVED_M > overcome_nm else math.inf
 
     @property
     def holding_nm(self) -> float:

@@ -84,6 +84,7 @@ def test_a_refused_limit_is_told_with_what_stops_the_axis_instead(opened, place,
     assert words in caution
     assert f"{place[0]:04X}h" in caution
     assert f"{code:08X}h" in caution
+    assert place[0] in drive.capabilities.not_taken
     drive.record(torque([0.1] * 5), LIMITS, lambda row: None)
 
 
