@@ -15,8 +15,8 @@ from beltcomm.schedule.steps import Step
 MOST_STOPS = 3
 #: Share of the torque with which a record is made again after the carriage went too far.
 QUIETER = 0.7
-#: s of looking whether the carriage stands, and m it may move then.
-LOOK_S, STANDS_M = 0.2, 5e-5
+#: s of looking whether the carriage stands, m it may move then, and how often that is looked at: a weak loop settles slowly.
+LOOK_S, STANDS_M, LOOKS = 0.2, 5e-5, 5
 #: m/s of bringing the carriage back.
 BACK_M_S = 0.05
 
@@ -44,10 +44,14 @@ def stands_after(machine: Machine, problem: BeltcommError) -> bool:
 def stands(machine: Machine) -> bool:
     """True if the carriage stands still inside the travel."""
     low, high = machine.envelope().window_m
-    before = machine.position_m
-    machine.drive.clock.sleep_until(machine.drive.clock.now() + LOOK_S)
     at = machine.position_m
-    return abs(at - before) <= STANDS_M and low < at < high
+    for _ in range(LOOKS):
+        before = at
+        machine.drive.clock.sleep_until(machine.drive.clock.now() + LOOK_S)
+        at = machine.position_m
+        if abs(at - before) <= STANDS_M:
+            return low < at < high
+    return False
 
 
 def bring_back(machine: Machine, model: Model, step: Step, problem: SafetyStop) -> bool:
