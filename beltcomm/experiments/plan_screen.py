@@ -9,7 +9,7 @@ from textwrap import wrap
 
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
-from beltcomm.experiments import phases
+from beltcomm.experiments import phases, sampling_limits
 from beltcomm.experiments.bounds import peak_torque_nm
 from beltcomm.experiments.plan import Plan
 from beltcomm.language import tr
@@ -43,7 +43,7 @@ def plan_screen(plan: Plan, axis: Axis, capabilities: Capabilities) -> list[Line
         *_records(plan),
         Line(""),
         *_stops(plan),
-        *(Line("  ", (f"! {line}", "note")) for line in _doubts(plan, capabilities)),
+        *(Line("  ", (f"! {line}", "note")) for line in _doubts(plan, axis, capabilities)),
     ]
     return lines if len(lines) <= HIGH else [title, *lines[2:]]
 
@@ -148,8 +148,7 @@ def _stops(plan: Plan) -> list[Line]:
     return [*rows, Line("  ", plan.written())]
 
 
-def _doubts(plan: Plan, capabilities: Capabilities) -> Sequence[str]:
+def _doubts(plan: Plan, axis: Axis, capabilities: Capabilities) -> Sequence[str]:
     """Doubts about the plan's records, a line each as far as it goes."""
-    scale = capabilities.torque_scale
-    doubts = [*capabilities.cautions, *(note for note in plan.notes if "no response shows" in note or (scale and note.startswith(scale)))]
+    doubts = [*capabilities.cautions, *(doubt for doubt in sampling_limits.doubts_before(axis, capabilities) if doubt in plan.notes)]
     return [f"{note[: WIDE - 12]} ... [d]" if len(note) > WIDE - 6 else note for note in doubts[:2]]

@@ -47,29 +47,36 @@ def expected_hz(axis: Axis) -> tuple[float, float] | None:
     return min(found), max(found)
 
 
+def hidden_resonance(axis: Axis, capabilities: Capabilities) -> str:
+    """Sentence on a resonance that by the data sheets no response shows; "" for none."""
+    top, expected = claimed_hz(capabilities.sample_period_s), expected_hz(axis)
+    if expected is None or expected[1] <= top:
+        return ""
+    low, high = expected
+    if low > top:
+        return f"By the data sheets the resonance is at {low:.0f} Hz at least: no response shows it. {_remedy(capabilities)}"
+    return (
+        f"By the data sheets the resonance is between {low:.0f} and {high:.0f} Hz, by payload and place: no response shows a light "
+        f"carriage's. {_remedy(capabilities)}"
+    )
+
+
+def doubts_before(axis: Axis, capabilities: Capabilities) -> tuple[str, ...]:
+    """What is in doubt before anything is measured: a resonance that nothing shows, the unit of torque."""
+    scale = f"{capabilities.torque_scale}." if capabilities.torque_scale else ""
+    return tuple(doubt for doubt in (hidden_resonance(axis, capabilities), scale) if doubt)
+
+
 def notes_before(axis: Axis, capabilities: Capabilities) -> tuple[str, ...]:
     """Lines under a plan: the exchange, what its records can claim, and what is in doubt."""
-    top = claimed_hz(capabilities.sample_period_s)
     how = capabilities.exchange or f"A SYNC every {1e3 * capabilities.sample_period_s:g} ms"
-    notes = [f"{how}: resonances up to {top:.0f} Hz can be measured."]
-    expected = expected_hz(axis)
-    if expected is not None and expected[1] > top:
-        low, high = expected
-        if low > top:
-            notes.append(f"By the data sheets the resonance is at {low:.0f} Hz at least: no response shows it. {_remedy(capabilities)}")
-        else:
-            notes.append(
-                f"By the data sheets the resonance is between {low:.0f} and {high:.0f} Hz, by payload and place: no response shows a light "
-                f"carriage's. {_remedy(capabilities)}"
-            )
+    notes = [f"{how}: resonances up to {claimed_hz(capabilities.sample_period_s):.0f} Hz can be measured."]
     if capabilities.sample_period_s > SELDOM_S:
         notes.append(
             f"So seldom, the carriage is shaken slowly, by up to {1e3 * excitation_travel_m(capabilities.sample_period_s):.0f} mm "
             f"either way, and a stop begins {1e3 * REACTION_PERIODS * capabilities.sample_period_s:.0f} ms after its reason."
         )
-    if capabilities.torque_scale:
-        notes.append(f"{capabilities.torque_scale}.")
-    return tuple(notes)
+    return (*notes, *doubts_before(axis, capabilities))
 
 
 def remark_after(resonance_hz: float, capabilities: Capabilities, *, told: bool = False) -> str | None:
