@@ -44,6 +44,12 @@ class BeltcommError(Exception):
     run: Path | None = None
     diagnosis: Mapping[str, object] | None = None
 
+    @property
+    def halves(self) -> tuple[str, str]:
+        """What is wrong, and what to do next; "" where the message does not say."""
+        what, _, remedy = str(self).partition("; ")
+        return what, remedy
+
 
 class Refused(BeltcommError):
     """Nothing is broken, but the result asked for is not to be had (infeasible design, user's no, missed target)."""

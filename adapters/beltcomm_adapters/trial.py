@@ -87,7 +87,7 @@ def _mapping(objects: Objects, profile: Profile, modes: frozenset[int]) -> Itera
         except BusError:
             raise
         except DriveError as error:
-            wrong.append(Finding(AREA, f"setpoints, {kind}", states[kind], f"for motions of kind {kind}: {_plain(error)}", FREE_MAPPING))
+            wrong.append(Finding(AREA, f"setpoints, {kind}", states[kind], f"for motions of kind {kind}: {error.halves[0]}", FREE_MAPPING))
             continue
         mapped += [name_of(*entry[:2]) for entries in layout.received for entry in entries]
     try:
@@ -96,7 +96,7 @@ def _mapping(objects: Objects, profile: Profile, modes: frozenset[int]) -> Itera
     except BusError:
         raise
     except DriveError as error:
-        wrong.append(Finding(AREA, "answers", "wrong", _plain(error), FREE_MAPPING))
+        wrong.append(Finding(AREA, "answers", "wrong", error.halves[0], FREE_MAPPING))
     else:
         offered = arrangements(profile.mapped_torque)
         sent = [entry for entries in offered[number] for entry in entries]
@@ -143,7 +143,3 @@ def _settings(
         yield Finding(AREA, "limit", "warning", text, values={"limit_object": index})
     if not refused and not altered:
         yield Finding(AREA, "limits", "ok", "the drive takes the limits and ramps of a record (tried, put back)")
-
-
-def _plain(error: Exception) -> str:
-    return str(error).partition("; ")[0]

@@ -38,7 +38,7 @@ def _entries(axis: Axis) -> Iterator[Finding]:
     try:
         suitable(axis)
     except BeltcommError as error:
-        text, _, remedy = str(error).partition("; ")
+        text, remedy = error.halves
         yield Finding(AREA, "entries", "wrong", text, remedy)
 
 

@@ -95,7 +95,7 @@ def _examined(adapter: Adapter, address: str, options: dict[str, object]) -> Ite
     except UsageError:
         raise
     except DriveError as error:
-        text, _, remedy = str(error).partition("; ")
+        text, remedy = error.halves
         yield Finding("bus", "drive", "wrong", text, remedy, unreachable=True)
 
 

@@ -35,7 +35,7 @@ def opened(patient: Patient) -> Iterator[Finding]:
     except BusError:
         raise
     except DriveError as error:
-        text, _, remedy = str(error).partition("; ")
+        text, remedy = error.halves
         yield Finding(GAINS, "opening", "wrong", f"no command could open this drive: {text}", remedy)
         return
     yield gains_finding(found)
