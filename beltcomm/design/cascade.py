@@ -19,6 +19,7 @@ from beltcomm.design.prefilters import butterworth_cutoff_rad_s, notch_width
 from beltcomm.design.search import best_gains, highest_position_gain
 from beltcomm.design.specification import GROUPS, Infeasible, Specification, describe, relax
 from beltcomm.errors import UsageError
+from beltcomm.quantities import unit_of
 
 #: Grid points per plant of the search, and what it keeps in reserve for the finer grid of the proof.
 _SEARCH_POINTS = 220
@@ -27,6 +28,13 @@ _RESERVE_DEG, _RESERVE_DB = 0.1, 0.05
 LONGEST_LAG_RAD = 10.0
 #: Cutoffs of the additional low-pass to try, over the notch's centre: nearer it costs phase below, further it leaves the next resonance.
 ROLL_OFFS = (1.0, 2.0)
+#: Gains in words, by the names that a drive's bounds have.
+GAINS = {
+    "kp_nm_s_rad": "velocity gain Kp",
+    "ki_nm_rad": "integral gain Ki",
+    "kpp_1_s": "position gain Kv",
+    "integral_time_s": "integral time Kp/Ki",
+}
 _LACKABLE: tuple[PrefilterKind, ...] = ("notch", "butterworth")
 
 
@@ -283,8 +291,8 @@ def binding_conditions(
         value = float(getattr(worst, name))
         if sign * (value - limit) < near:
             where = f" at {worst.plant}" if worst.plant else ""
-            side = "least" if sign > 0.0 else "most"
-            lines.append(f"{words} {value:.1f} {unit} (at {side} {limit:.4g} asked for){where}")
+            side = "min" if sign > 0.0 else "max"
+            lines.append(f"{words} {value:.1f} {unit} ({side} {limit:.4g}){where}")
     values = {
         "kp_nm_s_rad": cascade.kp_nm_s_rad,
         "ki_nm_rad": cascade.ki_nm_rad,
@@ -294,7 +302,7 @@ def binding_conditions(
     for name, value in values.items():
         for bound, words in ((structure.lowest.get(name), "lowest"), (structure.highest.get(name), "highest")):
             if bound is not None and math.isclose(value, bound, rel_tol=0.02):
-                lines.append(f"the drive's {words} {name} {bound:g}")
+                lines.append(f"the drive's {words} {GAINS[name]} {bound:g} {unit_of(name)}")
     return tuple(lines)
 
 
@@ -312,17 +320,17 @@ def _remarks(
         found = best_cascade(search, proof, replace(structure, prefilters=(kind,)), replace(specification, prefilters=(kind,)))
         if found is not None and _stiffness(found[0]) > 1.05 * _stiffness(cascade):
             factor = _stiffness(found[0]) / _stiffness(cascade)
-            remarks.append(f"with a {kind} prefilter the drive could have reached {factor:.1f} times the stiffness K_I K_PP")
+            remarks.append(f"with a {kind} prefilter the drive could have reached {factor:.1f} times the stiffness Ki Kv")
     if not structure.velocity_feedforward:
         remarks.append(
             f"without velocity feedforward the carriage trails by {1e3 / cascade.kpp_1_s:.3g} mm for every m/s of speed "
-            f"(speed over K_PP); with it this part of the error would vanish"
+            f"(speed over Kv); with it this part of the error would vanish"
         )
     elif not structure.reference_filter:
         lag = cascade.velocity_filter_s + 0.5 * structure.period_s
         remarks.append(
             f"the reference velocity does not pass the velocity filter: on acceleration a the velocity error is "
-            f"{1e3 * lag:.2f} ms times a, and the position error that over K_PP"
+            f"{1e3 * lag:.2f} ms times a, and the position error that over Kv"
         )
     if not structure.torque_feedforward:
         remarks.append("without torque feedforward the integrator alone must deliver the torque for inertia and friction")

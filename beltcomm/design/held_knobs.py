@@ -137,7 +137,7 @@ def _quantised_cascades(
         if kpp > 0.0:
             found.append(Cascade(rounded, ki, kpp, velocity_filter_s, prefilter, forward, structure.reference_filter))
     if not found:
-        raise OutOfReach(f"no K_PP leaves the position loop {inside.position_phase_margin_deg:.1f} degrees of phase margin", "position")
+        raise OutOfReach(f"no Kv leaves the position loop {inside.position_phase_margin_deg:.1f} degrees of phase margin", "position")
     return sorted(found, key=lambda cascade: cascade.ki_nm_rad * cascade.kpp_1_s, reverse=True)
 
 
@@ -160,7 +160,7 @@ def _stiffest(shape: LoopShape, structure: CascadeStructure, inside: Specificati
         low, high = integral_time_bounds(structure, structure.period_s)
         times = np.clip(np.geomspace(best / ratio, best * ratio, _ZOOM_TIMES), low, high)
     if not found[best][0]:
-        raise OutOfReach(f"no K_PP leaves the position loop {inside.position_phase_margin_deg:.1f} degrees of phase margin", "position")
+        raise OutOfReach(f"no Kv leaves the position loop {inside.position_phase_margin_deg:.1f} degrees of phase margin", "position")
     return found[best][1], best
 
 

@@ -86,12 +86,16 @@ class WorstMargins:
     stable: bool
 
 
+def bandwidths_hz(margins: Sequence[Margins]) -> list[tuple[float, float]]:
+    """Lowest and highest crossover over all variants, Hz, of the velocity loop and the position loop; nan where none has one."""
+    crossovers = ([getattr(one, f"{loop}crossover_rad_s") / math.tau for one in margins] for loop in ("", "position_"))
+    finite = ([hz for hz in found if math.isfinite(hz)] or [math.nan] for found in crossovers)
+    return [(min(found), max(found)) for found in finite]
+
+
 def worst_of(margins: Sequence[Margins]) -> WorstMargins:
     """The least favourable of all variants; a crossover is nan where none has one."""
-    velocity, position = (
-        min((rate for one in margins if math.isfinite(rate := getattr(one, f"{loop}crossover_rad_s"))), default=math.nan) / math.tau
-        for loop in ("", "position_")
-    )
+    (velocity, _), (position, _) = bandwidths_hz(margins)
     return WorstMargins(
         min(one.phase_margin_deg for one in margins),
         min(one.position_phase_margin_deg for one in margins),

@@ -268,7 +268,7 @@ def first_cascade(machine: Machine, findings: Findings, model: Model, at_m: floa
 
 def close_loop(machine: Machine, findings: Findings, model: Model, cascade: Cascade, margin: float, *, ask: bool = False) -> Cascade:
     """Write a first loop into the drive and count with its stops; returns it.   ask, raises : as :func:`close_first_loop`."""
-    machine.detail(f"first loop: K_P {cascade.kp_nm_s_rad:.4f} N m s/rad, smallest phase margin {margin:.0f} deg on an uncertain model")
+    machine.detail(f"first loop: Kp {cascade.kp_nm_s_rad:.4f} N m s/rad, smallest phase margin {margin:.0f} deg on an uncertain model")
     if margin < SURE_MARGIN_DEG:
         machine.talk.say(
             f"That is little, {SURE_MARGIN_DEG:.0f} deg are usual: this drive's structure gives no more. The axis may ring as it travels."

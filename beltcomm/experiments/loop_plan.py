@@ -213,7 +213,7 @@ def plan_of(machine: Machine, job: LoopJob) -> Plan:
     what = f"be excited in place with up to {signal}"
     if job.speed_m_s:
         what = f"travel at {1e3 * job.speed_m_s:.4g} mm/s, there and back, with an excitation of up to {signal}"
-    loop = f"closed loop (K_P {job.cascade.kp_nm_s_rad:.3g} N m s/rad)"
+    loop = f"closed loop (Kp {job.cascade.kp_nm_s_rad:.3g} N m s/rad)"
     text = (
         f"The carriage of {axis.name or 'the axis'} will {sign_words(axis)}{what}, in {loop}: "
         f"{RISES} short records with rising amplitude and a long one, "

@@ -58,7 +58,7 @@ def settle_s(machine: Machine) -> float:
     kpp = kpp_1_s(machine)
     if kpp * LONGEST_S < CONSTANTS:
         raise Refused(
-            f"the position loop follows with K_PP = {kpp:.3g} 1/s and no velocity feedforward, so a stroke would take more than "
+            f"the position loop follows with Kv = {kpp:.3g} 1/s and no velocity feedforward, so a stroke would take more than "
             f"{LONGEST_S:g} s until its speed is constant; this drive needs its CAN port for a friction sweep"
         )
     return CONSTANTS / kpp

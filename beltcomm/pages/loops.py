@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from beltcomm.design.cascade import DesignResult
+from beltcomm.design.cascade import GAINS, DesignResult
 from beltcomm.design.measured import measured_loop
 from beltcomm.design.specification import Specification
 from beltcomm.drive.objects import ParameterObject, name_of, object_values
@@ -28,9 +28,7 @@ TITLE = "Loops and margins"
 
 #: Gains in words.
 NAMES = {
-    "kp_nm_s_rad": "K_P, velocity loop",
-    "ki_nm_rad": "K_I, velocity loop",
-    "kpp_1_s": "K_PP, position loop",
+    **GAINS,
     "velocity_filter_s": "T_R, velocity filter",
     "prefilter_kind": "prefilter",
     "prefilter_omega_rad_s": "prefilter frequency",
@@ -121,7 +119,7 @@ def gains_section(run: Gathered) -> Section:
     if not places:
         words = "The drive's objects are not known for this run; beltcomm apply shows them when it is connected."
         head, rows = head[:4], [row[:4] for row in rows]
-    bound = [f"gains cannot be higher: {line}" for line in run.design.get("binding") or ()]
+    bound = [f"limited by {line}" for line in run.design.get("binding") or ()]
     return Section("gains", "Gains, as they are written to the drive", [PageTable(head, rows, words), Paragraphs(bound, listed=True)])
 
 
@@ -151,7 +149,7 @@ def _raw(places: Mapping[str, ParameterObject], values: Mapping[str, float]) -> 
 def _step(place: ParameterObject) -> str:
     """Meaning of one unit of an object."""
     if place.law != "linear":
-        return f"{1e6 * place.scale:g} µs of T_n = K_P/K_I"
+        return f"{1e6 * place.scale:g} µs of T_n = Kp/Ki"
     return "1 SI unit" if place.scale == 1.0 else f"{place.scale:g} SI units"
 
 

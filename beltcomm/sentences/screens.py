@@ -13,7 +13,7 @@ from typing import Any
 
 from beltcomm.control import Cascade
 from beltcomm.design.cascade import DesignResult
-from beltcomm.design.margins import Margins, worst_of
+from beltcomm.design.margins import Margins, bandwidths_hz, worst_of
 from beltcomm.errors import BeltcommError
 from beltcomm.fit.model_fit import SUSPECT_MISFIT
 from beltcomm.fit.noise_level import error_floor_words
@@ -160,10 +160,10 @@ def gain_lines(cascade: Cascade) -> list[Line]:
 
 
 def loop_lines(margins: Sequence[Margins], binding: Sequence[str]) -> list[Line]:
-    """Bandwidths (crossovers) with what limits them, and margins: of all variants the worst."""
+    """Bandwidths (crossovers: with the friction of a standstill .. in motion) with what limits them; margins, of all variants the worst."""
     worst = worst_of(margins)
-    velocity, position = _digits(worst.crossover_hz), _digits(worst.position_crossover_hz)
-    first = f"{tr('bandwidth, at least')}: {tr('velocity')} {velocity} Hz, {tr('position')} {position} Hz"
+    velocity, position = ("..".join(dict.fromkeys(map(_digits, ends))) for ends in bandwidths_hz(margins))
+    first = f"{tr('bandwidth')}: {tr('velocity')} {velocity} Hz, {tr('position')} {position} Hz"
     told = f"{worst.gain_margin_db:.3g} dB" if math.isfinite(worst.gain_margin_db) else tr("unlimited")
     phases = f"{tr('phase margin')} {worst.phase_margin_deg:.0f}°, {tr('position')} {worst.position_phase_margin_deg:.0f}°"
     second = f"{phases}   {tr('gain margin')} {told}   Ms {worst.sensitivity_db:.2g} dB"

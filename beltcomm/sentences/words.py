@@ -144,7 +144,7 @@ def design_lines(design: DesignResult, cascade: Cascade) -> list[str]:
     feedforward = cascade.feedforward
     lines = [
         "Controller:",
-        f"  position gain (K_PP) {cascade.kpp_1_s:.3g} 1/s, velocity gain (K_P) {cascade.kp_nm_s_rad:.4g} N m s/rad, integral gain (K_I) "
+        f"  position gain Kv {cascade.kpp_1_s:.3g} 1/s, velocity gain Kp {cascade.kp_nm_s_rad:.4g} N m s/rad, integral gain Ki "
         f"{cascade.ki_nm_rad:.4g} N m/rad, velocity feedback filter (T_R) {1e3 * cascade.velocity_filter_s:.2g} ms, prefilter {shown}",
         f"  feedforward at the motor: inertia {1e4 * feedforward.inertia_kg_m2:.2f} kg cm², viscous "
         f"{1e3 * feedforward.viscous_nm_s_rad:.2f} mN m s/rad, Coulomb {1e3 * feedforward.coulomb_nm:.1f} mN m, "

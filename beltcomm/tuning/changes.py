@@ -43,10 +43,10 @@ def changes(present: tuple[Cascade, WorstMargins], new: tuple[Cascade, WorstMarg
     """Gains, margins of the least favourable variant and bandwidths."""
     (old, was), (cascade, worst) = present, new
     return (
-        TuningChange("K_P", "mN m s/rad", 1e3 * old.kp_nm_s_rad, 1e3 * cascade.kp_nm_s_rad, None),
-        TuningChange("K_I", "N m/rad", old.ki_nm_rad, cascade.ki_nm_rad, None),
-        TuningChange("K_PP", "1/s", old.kpp_1_s, cascade.kpp_1_s, None),
-        _judged("stiffness K_I K_PP", "N m/(rad s)", old.ki_nm_rad * old.kpp_1_s, cascade.ki_nm_rad * cascade.kpp_1_s, True, SAME_PRODUCT),
+        TuningChange("velocity gain Kp", "mN m s/rad", 1e3 * old.kp_nm_s_rad, 1e3 * cascade.kp_nm_s_rad, None),
+        TuningChange("integral gain Ki", "N m/rad", old.ki_nm_rad, cascade.ki_nm_rad, None),
+        TuningChange("position gain Kv", "1/s", old.kpp_1_s, cascade.kpp_1_s, None),
+        _judged("stiffness Ki Kv", "N m/(rad s)", old.ki_nm_rad * old.kpp_1_s, cascade.ki_nm_rad * cascade.kpp_1_s, True, SAME_PRODUCT),
         _judged("velocity bandwidth", "Hz", was.crossover_hz, worst.crossover_hz, True),
         _judged("position bandwidth", "Hz", was.position_crossover_hz, worst.position_crossover_hz, True),
         _judged("velocity phase margin", "deg", was.phase_margin_deg, worst.phase_margin_deg, True),

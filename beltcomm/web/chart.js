@@ -176,13 +176,14 @@ export function vertical(u, ctx, x, words, stroke, row = 0) {
   ctx.fillText(` ${words} `, px, u.bbox.top + (3 + 14 * row) * devicePixelRatio);
 }
 
-const again = () => { for (const one of charts) if (one.data && one.box.clientWidth) one.build(); };
+// Charts of a view that is hidden are drawn when it is shown.
+export const shown = () => { for (const one of charts) if (one.data && one.box.clientWidth && (!one.u || one.box.clientWidth !== one.width)) one.build(); };
+const again = () => { for (const one of charts) one.width = 0; shown(); };
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", again);
 // On paper: dark lines, and as wide as a sheet, whatever the screen has.
 for (const kind of ["beforeprint", "afterprint"]) addEventListener(kind, () => { document.documentElement.toggleAttribute("data-printing", kind === "beforeprint"); again(); });
 let waiting = 0;
 new ResizeObserver(() => {
   clearTimeout(waiting);
-  waiting = setTimeout(() => { for (const one of charts) if (one.data && one.box.clientWidth && one.box.clientWidth !== one.width) one.build(); }, 60);
+  waiting = setTimeout(shown, 60);
 }).observe(document.body);
-export const shown = () => { for (const one of charts) if (one.data && one.box.clientWidth && (!one.u || one.box.clientWidth !== one.width)) one.build(); };

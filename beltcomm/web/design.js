@@ -78,7 +78,7 @@ export function design(ask) {
     $("bench").classList.remove("stale");
     $("save").disabled = saving;
     $("summary").textContent = found.sentence;
-    $("binding").textContent = found.binding.length ? `Bound by: ${found.binding.join("; ")}.` : "";
+    $("binding").textContent = found.binding.length ? `Limited by: ${found.binding.join("; ")}.` : "";
     rows([...found.changes, ...(tracked && tracked.changes ? tracked.changes : [])]);
     for (const name of Object.keys(NAMES)) {
       const has = found.new.worst[name], spare = name === "suppression_db" ? setting[name] - has : has - setting[name];

@@ -155,7 +155,7 @@ def test_gains_lie_on_the_drives_steps_and_inside_its_bounds() -> None:
         assert value > 0.0
     assert cascade.kp_nm_s_rad <= 0.05
     assert cascade.velocity_filter_s == pytest.approx(0.0015)
-    assert any("highest kp_nm_s_rad" in line for line in result.binding)
+    assert any("highest velocity gain Kp 0.05 N m s/rad" in line for line in result.binding)
     assert meets(margins(cascade, plants, PERIOD), result.specification)
 
 

@@ -62,9 +62,9 @@ def test_a_slider_by_keyboard_moves_the_curves(browser: Browser) -> None:
     cascade, suppressed = found.cascade, max(margin.suppression_db for margin in found.margins)
     assert float(told[2]) == pytest.approx(suppressed, abs=0.0501), "what the gains make of the knob"
     assert suppressed <= before - 3.0 + 1e-6, "at least what was asked"
-    shown = {row.split(" ")[0]: float(row.split(" ")[2]) for row in browser.text("changes").splitlines() if row.startswith("K_")}
-    assert shown["K_PP"] == pytest.approx(cascade.kpp_1_s, rel=0.01)
-    assert shown["K_I"] == pytest.approx(cascade.ki_nm_rad, rel=0.01)
+    shown = {row.split(" ")[2]: float(row.split(" ")[4]) for row in browser.text("changes").splitlines() if " gain K" in row}
+    assert shown["Kv"] == pytest.approx(cascade.kpp_1_s, rel=0.01)
+    assert shown["Ki"] == pytest.approx(cascade.ki_nm_rad, rel=0.01)
     spent = browser.says("timings")
     print(f"ms from event to drawing: curves {spent['update']}, predicted error {spent['track']}")  # noqa: T201
 

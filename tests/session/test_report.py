@@ -155,7 +155,7 @@ def test_a_page_that_cannot_be_made_costs_no_commissioning_its_verdict(tmp_path:
 
 def test_gains_stand_beside_the_numbers_of_the_drive(page: str, complete: Complete) -> None:
     designed = complete.folder.load("designs", "final")["parameters"]
-    row = next(line for line in page.split("<tr>") if "K_P, velocity loop" in line)
+    row = next(line for line in page.split("<tr>") if "velocity gain Kp" in line)
     cells = re.findall(r"<td[^>]*>(.*?)</td>", row)
     assert float(cells[2]) == pytest.approx(designed["kp_nm_s_rad"], rel=1e-5)
     assert cells[4] == "2100h:1"

@@ -152,7 +152,7 @@ def test_a_change_is_told_in_one_line(heavy: Bench, setting: SliderSetting) -> N
     assert sentence(changes((slow.cascade, slow.worst), (slow.cascade, slow.worst))) == "Nothing changed against the present design."
     found = changes((slow.cascade, slow.worst), (fast.cascade, fast.worst))
     assert [one.better for one in found if one.name == "open loop at the resonance"] == [False]
-    assert sentence(found).startswith("Against the present design: stiffness K_I K_PP ")
+    assert sentence(found).startswith("Against the present design: stiffness Ki Kv ")
     assert present.cascade == heavy.ground.present
     near, far = heavy.tracked(fast.cascade, 0.0), heavy.tracked(slow.cascade, 0.0)
     assert near.error.dynamic_m < far.error.dynamic_m
