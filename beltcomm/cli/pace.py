@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from beltcomm.language import tr
 from beltcomm.talk import CarriagePosition
 
 #: s and share of a calculation after which its pace tells how long it will still take.
@@ -30,16 +31,16 @@ class Pace:
     def left(self, fraction: float, seconds_left: float | None) -> str:
         """In words; nothing while it cannot be told."""
         if seconds_left is not None:
-            return f", {seconds_left:.0f} s left" if seconds_left >= 1.0 else ""
+            return tr(", {s:.0f} s left", s=seconds_left) if seconds_left >= 1.0 else ""
         passed_s = self._clock() - self._begun_s
         if not PACE_SHARE <= fraction < 1.0 or passed_s < PACE_S:
             return ""
-        return f", about {passed_s * (1.0 - fraction) / fraction:.0f} s left"
+        return tr(", about {s:.0f} s left", s=passed_s * (1.0 - fraction) / fraction)
 
 
 def machine_left(place: CarriagePosition) -> str:
     """Time that the whole job still takes on the machine; nothing where it is not known."""
-    return "" if place.left_s is None else f"{place.left_s:.0f} s left on the machine"
+    return "" if place.left_s is None else tr("{s:.0f} s left on the machine", s=place.left_s)
 
 
 def clock_words(seconds: float) -> str:

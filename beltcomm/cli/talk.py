@@ -195,10 +195,10 @@ class RichTalk:
 
 def _choose(question: str, choices: Mapping[str, str], stream: TextIO) -> str:
     """``[y] start  [q] quit   start? [y/Q]``: the first is a yes, the last is taken for an empty answer."""
-    keys = "  ".join(f"[{key}] {word}" for key, word in choices.items())
+    keys = "  ".join(f"[{tr('y') if key == 'y' else key}] {word}" for key, word in choices.items())
     first, last = next(iter(choices)), list(choices)[-1]
     while True:
-        asked = f"{choices[first]}? [y/N]" if first == "y" else f"[{last.upper()}]"
+        asked = f"{choices[first]}? [{tr('y')}/N]" if first == "y" else f"[{last.upper()}]"
         print(f"{fitted(f'  {keys}   {asked}', stream)} ", end="", file=stream, flush=True)
         answer = sys.stdin.readline() if sys.stdin is not None else ""
         if not answer:
@@ -213,7 +213,7 @@ def _choose(question: str, choices: Mapping[str, str], stream: TextIO) -> str:
 
 
 def _ask(text: str, stream: TextIO) -> bool:
-    print(f"{fitted(text, stream)} [y/N] ", end="", file=stream, flush=True)
+    print(f"{fitted(text, stream)} [{tr('y')}/N] ", end="", file=stream, flush=True)
     answer = sys.stdin.readline() if sys.stdin is not None else ""  # it was closed before this program began
     if not answer:
         raise UsageError("nobody answers (stdin is closed); use --yes where no one is asked")

@@ -61,7 +61,7 @@ def remark_on(name: str, item: Value, wanted: float, deviation: float) -> str:
         return _none_seen(name, item, item.value, deviation)
     if item.interval > BADLY_KNOWN_SHARE * abs(item.value):
         share = 100.0 * item.interval / abs(item.value) if item.value else np.inf
-        return f"{name} = {item.value:.3g} ± {item.interval:.2g} {item.unit}: this data tells it only to {share:.0f} %"
+        return f"{name} = {item.value:.3g} ± {item.interval:.2g} {item.unit}: uncertain (±{share:.0f} %)"
     return ""
 
 
@@ -76,7 +76,7 @@ def remarks_on_pairs(names: Sequence[str], items: Sequence[Value], correlation: 
     """Pairs of parameters, one of them badly known, that the data tell apart badly, in words."""
     badly = [item.interval is not None and item.interval > BADLY_KNOWN_SHARE * abs(item.value) for item in items]
     return [
-        f"{names[i]} and {names[j]} are told apart badly (correlation {correlation[i, j]:+.2f})"
+        f"{names[i]} and {names[j]} cannot be separated (correlation {correlation[i, j]:+.2f})"
         for i in range(len(names))
         for j in range(i + 1, len(names))
         if abs(correlation[i, j]) > BADLY_APART and (badly[i] or badly[j])

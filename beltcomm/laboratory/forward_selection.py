@@ -76,7 +76,7 @@ class Candidate:
     held_gain : float
         Drop of O on the held-out records.
     hollow : bool
-        It explains much, but only as no axis can be.
+        It explains much, but only at physically impossible values.
     accepted : bool
         By the rule of this module.
     grows : bool
@@ -115,7 +115,7 @@ class Candidate:
         if self.accepted or self.fitted is None:
             return ""
         if self.hollow:
-            return "only as no axis can be"
+            return "only at physically impossible values"
         if self.grows:
             return "with all fitted again the error as a whole grows"
         if self.unneeded:

@@ -242,7 +242,7 @@ def _hint(cause: str, a: ResponseRow, b: ResponseRow, clear: Sequence[str]) -> s
     """Probable cause of a difference."""
     one, other = _marks(a), _marks(b)
     if cause == "amplitude":
-        return "friction takes more of the quieter excitation and poses as damping and as another mass: the louder one is nearer the axis"
+        return "friction takes more of the quieter excitation and poses as damping and as another mass: trust the larger amplitude"
     if cause == "direction":
         return "something acts that knows its direction: friction that differs each way, a tilt, a cable"
     ratios = {name: one[name].freq_hz / other[name].freq_hz for name in clear if name != "gain"}

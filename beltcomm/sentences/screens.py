@@ -18,7 +18,7 @@ from beltcomm.errors import BeltcommError
 from beltcomm.fit.model_fit import SUSPECT_MISFIT
 from beltcomm.fit.noise_level import error_floor_words
 from beltcomm.identify.friction import FrictionFit
-from beltcomm.language import tr
+from beltcomm.language import told, tr
 from beltcomm.model import Model
 from beltcomm.result import Line, command_lines
 from beltcomm.rundata import analyse
@@ -213,7 +213,7 @@ def sheet_words(doubts: Iterable[Mapping[str, Any]]) -> list[str]:
 
 def warning_lines(texts: Sequence[str]) -> list[Line]:
     """Warnings, a line each; how many more there are."""
-    lines = [Line("   ", (shorten(f"! {text}", WIDE - 4, placeholder=" ..."), "note")) for text in texts[:MOST_WARNINGS]]
+    lines = [Line("   ", (shorten(f"! {told(text)}", WIDE - 4, placeholder=" ..."), "note")) for text in texts[:MOST_WARNINGS]]
     left = len(texts) - MOST_WARNINGS
     return lines + ([Line("   ", (f"! {tr('{count} more notes', count=left)}: --details", "note"))] if left > 0 else [])
 

@@ -381,7 +381,7 @@ def test_each_stage_of_a_search_is_a_phase_of_its_own_and_no_number_of_them_is_p
     [
         (500.0, 50.0, {"accepted": True}, ""),
         (500.0, 50.0, {"fitted": None}, ""),
-        (500.0, 50.0, {"hollow": True}, "only as no axis can be"),
+        (500.0, 50.0, {"hollow": True}, "only at physically impossible values"),
         (500.0, 50.0, {"grows": True}, "with all fitted again the error as a whole grows"),
         (500.0, 50.0, {"idle": True}, "the error in plain units does not fall"),
         (500.0, 50.0, {"unneeded": True}, "a carriage that strays as far without it explains as much"),
