@@ -166,12 +166,13 @@ class TunedDesign:
             design, new, present = self.bench.shown(setting)
         except OutOfReach as problem:
             return {"refusal": str(problem), "limit": problem.limit, "present": _curves(self.bench.present(setting))}
+        same = new.cascade == present.cascade  # what bound it stands in its file, by the margins that were asked for there
         found = self._in_own_units(changes((present.cascade, present.worst), (new.cascade, new.worst)))
         return {
             "new": _curves(new),
             "present": _curves(present),
             "measured": self.measured(setting, new.cascade),
-            "binding": list(design.binding),
+            "binding": list(self._saved_design.get("binding") or () if same else design.binding),
             "variants": len(design.plants),
             "changes": [{**plain(one), "same": one.same} for one in found],
             "sentence": sentence(found),

@@ -12,11 +12,12 @@ from beltcomm.app.laboratory import LaboratoryTab
 from beltcomm.app.live import LiveTab
 from beltcomm.app.runs import RunsTab, beside
 from beltcomm.app.session import VirtualSession
-from beltcomm.errors import UsageError
+from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.experiments.options import Options
 from beltcomm.given import Place, place
 from beltcomm.locks import is_occupied
 from beltcomm.result import Result
+from beltcomm.rundata.headline import MEANINGS, headline_of
 from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Silence, Talk
 
@@ -63,8 +64,14 @@ class RunPage:
     def begin(self) -> dict[str, Any]:
         """Head of the page."""
         folder = RunFolder.open(self.run)
+        try:
+            headline = headline_of(folder)
+            said = {"word": headline.word, "sentence": headline.sentence, "means": MEANINGS[headline.state]}
+        except BeltcommError as problem:  # one damaged result hides no record
+            said = {"word": "", "sentence": str(problem), "means": "bad"}
         return {
             "run": str(self.run),
+            "headline": said,
             "axis": folder.axis.name if folder.has_axis else "",
             "own_words": bool(self._terms),
             "live": self.live.running(),

@@ -155,15 +155,13 @@ def _ask_kind(template: str | None) -> str:
     if template is not None and (named_file(template) or template not in parts("axes")):
         told = load_axis(template).kind or "other"
     known = {BELT: tr("toothed belt"), **{name: tr(kind.title) for name, kind in KINDS.items()}, "other": tr("none of these")}
-    click.echo(tr("Kinds of axes:"), err=True)
-    for name, title in known.items():
-        click.echo(f"  {name:<8}{title}", err=True)
+    tell("\n".join([tr("Kinds of axes:"), *(f"  {name:<8}{title}" for name, title in known.items())]))
     while True:
         answer = reply(tr("Kind of the axis"), told).lower()
         answer = _KINDS.get(answer, answer)
         if answer in known:
             return answer
-        click.echo(f"    {answer!r}: {', '.join(known)}{did_you_mean(answer, known)}", err=True)
+        tell(f"    {answer!r}: {', '.join(known)}{did_you_mean(answer, known)}")
 
 
 def _start(template: str | None, motor: str | None, kind: str, *, asked: bool) -> Axis:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from beltcomm.arrays import Array
 from beltcomm.control import Cascade, Prefilter
-from beltcomm.design.cascade import DesignResult, best_cascade, binding_conditions, candidate_prefilters
+from beltcomm.design.cascade import DesignResult, best_cascade, candidate_prefilters
 from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.held_knobs import KnobPlants, gains_of_knobs, highest_position_margin, specification_of, suppression_range
 from beltcomm.design.knobs import Knobs
@@ -95,9 +95,7 @@ class Bench:
             plants = self._plants(setting.payload_kg)
             found = gains_of_knobs(plants, self._prefilter(setting), setting.velocity_filter_s, setting.knobs)
             if key == self._untouched:
-                present, margins = self.ground.present, margins_on(self.ground.present, plants.proof)
-                binding = binding_conditions(present, margins, found.structure, found.specification)
-                found = replace(found, cascade=present, margins=margins, binding=binding)
+                found = replace(found, cascade=self.ground.present, margins=margins_on(self.ground.present, plants.proof))
             self._last = last = (key, found)
         return last[1]
 

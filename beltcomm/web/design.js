@@ -273,6 +273,7 @@ export function design(ask) {
       $("saved").className = "doubtful";
       $("saved").textContent = `Not saved: ${problem.message}`;
     }
+    dispatchEvent(new Event("saved"));
     $("saved").scrollIntoView({ block: "nearest" });
     saving = false;
     $("save").disabled = !$("refusal").hidden;

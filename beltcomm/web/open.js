@@ -55,6 +55,16 @@ addEventListener("hashchange", () => show(location.hash.slice(1)));
 
 document.querySelector("nav").hidden = false; // without scripts there is nothing to choose from
 
+// The first sentence on the run, as every screen has it; asked for again where a model or a design is new.
+let judged = "0 0";
+async function judge() {
+  const { headline } = await ask("begin");
+  $("headline").className = `told ${headline.means}`;
+  $("headline").replaceChildren(element("b", {}, headline.word), ` ${headline.sentence}`);
+  $("headline").hidden = false;
+}
+addEventListener("saved", () => judge().catch((problem) => failed(problem.message)));
+
 let ended = false;
 export function failed(words) {
   $("failed").replaceChildren(...(words ? [element("span", {}, words)] : []));
@@ -71,6 +81,10 @@ async function look() {
     failed(state.failed && current === "laboratory" ? `Not done: ${state.failed}` : "");
     await tabs.laboratory.heard(state);
     if (current === "design") await tabs.design.heard();
+    if (judged !== `${state.version} ${state.rungs}`) {
+      judged = `${state.version} ${state.rungs}`;
+      await judge();
+    }
   } catch (problem) {
     failed(problem.message);
     ended = problem.message.startsWith("The program");
@@ -84,6 +98,7 @@ ask("begin").then((begun) => {
   if (begun.own_words) sayAll(ask);
   $("axis").textContent = begun.axis;
   $("run").textContent = begun.run;
+  judge().catch((problem) => failed(problem.message));
   show(names.includes(location.hash.slice(1)) ? location.hash.slice(1) : begun.live ? "live" : "laboratory");
   look();
 }).catch((problem) => failed(problem.message));

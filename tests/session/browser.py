@@ -21,6 +21,7 @@ ARGUMENTS = (
     "--headless=new",
     "--no-sandbox",
     "--disable-gpu",
+    "--disable-3d-apis",  # no page needs WebGL
     "--disable-dev-shm-usage",
     "--no-first-run",
     "--disable-background-networking",

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from beltcomm.rundata.headline import headline_of
 from beltcomm.rundata.proof import doubts
 from session.browser import BROWSER, DRIVER, MISSING, Browser, browser_on
 
@@ -36,6 +37,8 @@ def test_page_opens_at_the_present_design(browser: Browser) -> None:
     assert browser.value(KNOB) == pytest.approx(
         min(m["phase_margin_deg"] for m in browser.folder.load("designs", "final")["margins"]), abs=0.5
     )
+    browser.until("the run's first sentence", lambda: browser.text("headline"))
+    assert browser.text("headline") == " ".join(headline_of(browser.folder).text.split())
     drawn = browser.says("[...document.querySelectorAll('#design canvas')].map((one) => one.width > 100 && one.height > 100)")
     assert drawn == [True] * 5
     assert browser.complaints() == []
@@ -119,6 +122,19 @@ def test_page_fits_a_narrow_window_in_the_dark(browser: Browser) -> None:
     assert paper == "rgb(21, 24, 27)"
 
 
+def test_charts_that_are_hidden_follow_the_system_s_colours(browser: Browser) -> None:
+    """No ink of the light page is left on a dark one when its tab is shown again."""
+    black = """(() => { const one = document.querySelector('#loops canvas');
+        const data = one.getContext('2d').getImageData(0, 0, one.width, one.height).data;
+        return data.reduce((count, v, i) => count + (i % 4 === 3 && v > 200 && data[i - 1] + data[i - 2] + data[i - 3] < 60), 0); })()"""
+    assert browser.says(black) > 100, "labels"
+    browser.tab("laboratory")
+    browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [{"name": "prefers-color-scheme", "value": "dark"}]})
+    browser.tab("design")
+    browser.until("no black ink on the dark page", lambda: browser.says(black) == 0)
+    browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+
+
 def test_saving_makes_it_the_design_of_the_run(browser: Browser) -> None:
     """What is saved is what the sliders stand for, the one before is kept, and nothing reaches a drive without a proof."""
     before, wanted = browser.folder.load("designs", "final"), browser.value(KNOB)
@@ -133,6 +149,8 @@ def test_saving_makes_it_the_design_of_the_run(browser: Browser) -> None:
     assert saved["parameters"]["ff_inertia_kg_m2"] == before["parameters"]["ff_inertia_kg_m2"]
     assert saved["parameters"]["kpp_1_s"] != before["parameters"]["kpp_1_s"]
     assert min(one["phase_margin_deg"] for one in saved["margins"]) >= wanted - 0.1
+    browser.until("no move has proven it", lambda: browser.text("headline") == " ".join(headline_of(browser.folder).text.split()))
+    assert browser.text("headline").startswith("OUT OF DATE")
     assert doubts(browser.folder) == [*saved["proof"]["doubts"], "no verification move was driven with these gains"]
 
 
