@@ -134,12 +134,13 @@ def headline_of(folder: RunFolder) -> Headline:
     name = (folder.axis.name if folder.has_axis else "") or "the axis"
     asked = folder.axis.targets if folder.has_axis else NO_TARGETS
     moves = {n: folder.load("results", n) for n in folder.names("results") if n.startswith("verify_")}
+    design, model = folder.load("designs", "final") if "final" in folder.names("designs") else {}, _model_of(folder)
     if not moves:
-        doubt = f"; {tr(UNEXPLAINED)}" if suspect(folder) else ""
-        text = tr("{name}: no move has been driven with a design of this run yet", name=name) + doubt
-        return Headline("doubt" if doubt else "open", text, targets=asked)
-    design = folder.load("designs", "final") if "final" in folder.names("designs") else {}
-    model = _model_of(folder)
+        doubt = suspect(folder, designed=False)
+        parts = [tr("{name}: no move has been driven with a design of this run yet", name=name)]
+        parts += [tr(UNEXPLAINED)] if doubt else []
+        parts += [tr("the design is of an earlier model")] if _outdated(design, model) else []
+        return Headline("doubt" if doubt else "open", "; ".join(parts), targets=asked)
     changed = {n: _changed(moves[n], design.get("parameters"), model) for n in moves}
     today = [n for n in moves if not changed[n]]
     last = today[-1] if today else list(moves)[-1]
@@ -195,9 +196,9 @@ def following(folder: RunFolder, headline: Headline, drive: str = "", *, applied
         return Following(f"beltcomm diagnose {run}", tr("what the model misses"))
     if "final" not in folder.names("models"):
         return Following(f"beltcomm fit {run}", tr("a model of the records"))
-    if suspect(folder):
-        return Following(f"beltcomm improve {run}", tr("names what the model lacks, adds it, designs again"))
     design, model = folder.load("designs", "final") if "final" in folder.names("designs") else {}, _model_of(folder)
+    if suspect(folder, designed=not _outdated(design, model)):
+        return Following(f"beltcomm improve {run}", tr("names what the model lacks, adds it, designs again"))
     if not design or _outdated(design, model) or (unfitted(folder) and current_revision(folder) is None):
         return Following(
             f"beltcomm design {run}", tr("gains with margins, of the model as it is now") if design else tr("gains with margins")

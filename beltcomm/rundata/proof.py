@@ -12,7 +12,7 @@ from beltcomm.drive.parameters import cascade_to_parameters
 from beltcomm.errors import Declined, Refused
 from beltcomm.fit.model_fit import SUSPECT_MISFIT
 from beltcomm.rundata.calibration import RESULT
-from beltcomm.rundata.revisions import revisions
+from beltcomm.rundata.revisions import current_revision, revisions
 from beltcomm.rundata.store import saved_design
 from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Talk
@@ -133,12 +133,21 @@ def admit(folder: RunFolder, talk: Talk, *, yes: bool, force: bool) -> None:
         raise Declined("nothing was written, as you said")
 
 
-def suspect(folder: RunFolder) -> bool:
-    """True if the design's model leaves too much unexplained: its own revision's word where it has one, else the fit's."""
-    revision = saved_design(folder).get("revision") if "final" in folder.names("designs") else None
-    for rung in revisions(folder):
-        if rung.name == revision:
-            return rung.confirmed is False or rung.ratio**2 > SUSPECT_MISFIT
+def suspect(folder: RunFolder, *, designed: bool = True) -> bool:
+    """True if a model leaves too much unexplained: its own revision's word where it has one, else the fit's.
+
+    Parameters
+    ----------
+    designed : bool
+        The model that the design is of, where there is a design; else the present one.
+    """
+    if designed and "final" in folder.names("designs"):
+        revision = saved_design(folder).get("revision")
+        rung = next((one for one in revisions(folder) if one.name == revision), None)
+    else:
+        rung = current_revision(folder)
+    if rung is not None:
+        return rung.confirmed is False or rung.ratio**2 > SUSPECT_MISFIT
     return bool((folder.load_result("fit") or {}).get("suspect"))
 
 

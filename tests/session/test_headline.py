@@ -62,6 +62,26 @@ def test_a_model_that_is_not_trusted_is_never_a_pass(copy: Path) -> None:
     assert "rollback" not in following(folder, said, "can0").command
 
 
+@pytest.mark.parametrize(("ratio", "state", "command"), [(1.0, "open", "design"), (2.0, "doubt", "improve")])
+def test_an_effect_that_was_added_is_judged_and_not_the_fit_before(copy: Path, ratio: float, state: str, command: str) -> None:
+    """A first fit that explained nothing, then an effect: the model as it is now counts; the design is still of the first."""
+    folder = RunFolder.open(copy)
+    for name in [one for one in folder.names("results") if one.startswith("verify_")]:
+        folder.file("results", name).unlink()
+    folder.save("results", "fit", {**folder.load("results", "fit"), "suspect": True})
+    assert headline_of(folder).state == "doubt"
+    model = folder.load("models", "final")
+    model["parameters"]["cart.mass"]["value"] *= 1.05
+    for name in ("final", "revision_2"):
+        folder.save("models", name, model)
+    rung = {"name": "revision_2", "parent": "revision_1", "change": "+cogging", "effects": model["effects"], "ratio": ratio}
+    folder.save("results", "ladder", {"revisions": [{**rung, "command": "beltcomm add", "when": "", "data": {}}]})
+    said = headline_of(folder)
+    assert said.state == state
+    assert said.sentence.endswith("the design is of an earlier model")
+    assert following(folder, said, "can0").command.startswith(f"beltcomm {command} ")
+
+
 @pytest.mark.parametrize("applied", ["restore", "keep", "save"])
 def test_what_follows_a_success_is_no_rollback(complete: Complete, applied: str) -> None:
     folder = RunFolder.open(complete.path)

@@ -121,6 +121,8 @@ def test_a_click_adds_it_and_the_error_falls(browser: Browser) -> None:
     assert "friction_position" in browser.folder.load("models", "final")["effects"]
     stairs = [step.text.splitlines()[0] for step in browser.driver.find_elements("css selector", "#stairs li")]
     assert stairs == [f"{rung['ratio']:.2f}" for rung in browser.folder.load("results", "ladder")["revisions"]]
+    browser.until("the run is judged anew", lambda: browser.text("headline").startswith("NOT PROVEN"))
+    assert browser.text("headline").endswith("the design is of an earlier model")
     browser.picture("added")
 
 
