@@ -21,6 +21,7 @@ from beltcomm.talk import Talk
 if TYPE_CHECKING:
     from beltcomm.api import Options
     from beltcomm.run.predicted import MovePrediction
+    from beltcomm.rundata.headline import Headline
 import shutil
 
 from beltcomm.locks import NAME, at_work, occupied
@@ -97,6 +98,19 @@ class OpenedRun:
         if travel is None or travel.min_m is None or travel.max_m is None:
             return RunModel(model)
         return RunModel(model, (travel.min_m, travel.max_m))
+
+    @property
+    def headline(self) -> Headline:
+        """The first sentence on the run, as every screen and the report have it: state, errors and the targets that count.
+
+        Raises
+        ------
+        DataError
+            For a damaged result.
+        """
+        from beltcomm.rundata.headline import headline_of
+
+        return headline_of(self._folder)
 
     @property
     def gains(self) -> Cascade:
