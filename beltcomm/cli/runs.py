@@ -35,7 +35,7 @@ def command(frame: Invocation, /, folder: Path) -> int:
         {"runs": found},
         [
             *table([tr("run"), tr("last change"), tr("axis"), tr("drive"), tr("result")], rows),
-            f"Next: beltcomm report {found[0]['run']}   ({tr('all of a run on a page')})",
+            f"Next: beltcomm open {found[0]['run']}   ({tr('all of a run on a page')})",
         ],
     )
     return 0
