@@ -5,7 +5,7 @@ Each step is the public function behind a command.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -17,6 +17,7 @@ from beltcomm.given import Place, pasted, place
 from beltcomm.language import tr
 from beltcomm.result import Line, Result
 from beltcomm.rundata.headline import Following, following, headline_of
+from beltcomm.rundata.revisions import Revision, revisions
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import screens
 from beltcomm.sentences.own_words import own_words
@@ -41,7 +42,7 @@ def improve(
     found = api.diagnose(run, auto=True, command=command, when=when, talk=talk)
     data = dict(found.to_json())
     added = [step["added"] for step in data["steps"] if step["added"]]
-    revisions = data.get("revisions") or []
+    made = data.get("revisions") or []
     if not added:
         return _nothing(run, data, found)
     designed = api.design(run, command=command, options=options, talk=talk)
@@ -51,8 +52,8 @@ def improve(
     folder = RunFolder.open(run)
     after = headline_of(folder)
     errors = _errors(before.errors, after.errors if verified is not None else None, data.get("cost"))
-    ratio = (data["before"]["ratio"], revisions[-1]["ratio"]) if "before" in data else (revisions[0]["ratio"], revisions[-1]["ratio"])
-    told = tr("{names} named and added: error {old:.3g} -> {new:.3g} x the noise", names=", ".join(added), old=ratio[0], new=ratio[1])
+    old, new = _ratios(made, revisions(folder))
+    told = tr("{names} named and added: error {old:.3g} -> {new:.3g} x the noise", names=", ".join(added), old=old, new=new)
     text = [
         Line(""),
         Line("  ", (tr("IMPROVED"), "good"), "   ", (told, "title")),
@@ -66,7 +67,7 @@ def improve(
     result = {
         "run": str(run),
         "added": added,
-        "revisions": revisions,
+        "revisions": made,
         "errors": errors,
         "headline_before": before.to_dict(),
         "headline": after.to_dict(),
@@ -88,6 +89,12 @@ def _nothing(run: Any, data: Mapping[str, Any], found: Result) -> Result:
         step = Following(f"beltcomm compare {pasted(run)}", tr("where the error sits"))
     text += screens.next_lines(step)
     return Result({"run": str(run), "added": [], "verdict": verdict}, text, 0 if fine else 1, details=found.text)
+
+
+def _ratios(made: Sequence[Mapping[str, Any]], every: Sequence[Revision]) -> tuple[float, float]:
+    """Error over noise before the revisions that were made, and after: the first stands on one of an earlier command, or is the base."""
+    known = {rung.name: rung.ratio for rung in every}
+    return known.get(made[0]["parent"], made[0]["ratio"]), made[-1]["ratio"]
 
 
 def _errors(before: Mapping[str, Any] | None, after: Mapping[str, Any] | None, cost: Mapping[str, Any] | None) -> dict[str, Any]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from beltcomm.improve import _errors
+from beltcomm.improve import _errors, _ratios
+from beltcomm.rundata.revisions import Revision, as_mapping
 
 COST = {name: {"dynamic_m": value} for name, value in (("unaware", 6e-4), ("aware", 4e-5), ("unaware_cart", 7e-4), ("aware_cart", 5e-5))}
 
@@ -25,6 +26,18 @@ def test_a_carriage_that_nobody_measured_is_predicted_by_the_model_that_knows() 
     }
     measured = _errors(verified(4e-4, 3e-4, carriage_measured=True), verified(5e-5, 6e-5, carriage_measured=True), COST)
     assert [round(one["before_um"]) for one in measured.values()] == [400, 300]
+
+
+def test_the_error_before_is_that_of_the_model_it_stands_on() -> None:
+    """The base is among what was made on a run that had no ladder; later the first one stands on an earlier rung."""
+    rungs = [
+        Revision(f"revision_{k}", parent, change, (), ratio, None, None, "", "", {})
+        for k, parent, change, ratio in ((1, "", "base", 1.96), (2, "revision_1", "+cogging", 1.4), (3, "revision_2", "+stribeck", 1.0))
+    ]
+    made = [as_mapping(rung) for rung in rungs]
+    assert _ratios(made, rungs) == (1.96, 1.0)
+    assert _ratios(made[1:], rungs) == (1.96, 1.0)
+    assert _ratios(made[2:], rungs) == (1.4, 1.0)
 
 
 def test_without_a_move_afterwards_both_are_predicted() -> None:
