@@ -11,7 +11,7 @@ from typing import Any
 
 from beltcomm import api
 from beltcomm.effects import effect_named
-from beltcomm.errors import Refused
+from beltcomm.errors import BeltcommError, Refused
 from beltcomm.experiments.options import Options, given
 from beltcomm.given import Place, pasted, place
 from beltcomm.language import tr
@@ -46,9 +46,12 @@ def improve(
     if not added:
         return _nothing(run, data, found)
     designed = api.design(run, command=command, options=options, talk=talk)
-    verified = None
+    verified, stopped = None, None
     if drive is not None:
-        verified = api.verify(drive, run, options=replace(options, payload_kg=None), talk=talk)
+        try:
+            verified = api.verify(drive, run, options=replace(options, payload_kg=None), talk=talk)
+        except BeltcommError as problem:  # what was added and designed stands all the same, and is told first
+            stopped = problem
     folder = RunFolder.open(run)
     after = headline_of(folder)
     errors = _errors(before.errors, after.errors if verified is not None else None, data.get("cost"))
@@ -64,6 +67,9 @@ def improve(
         *screens.headline_lines(after),
         *screens.next_lines(following(folder, after, drive or "")),
     ]
+    if stopped is not None:
+        talk.say(*text)
+        raise stopped
     result = {
         "run": str(run),
         "added": added,

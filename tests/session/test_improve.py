@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
-from beltcomm.improve import _errors, _ratios
+import pytest
+
+from beltcomm import api
+from beltcomm.errors import Declined
+from beltcomm.improve import _errors, _ratios, improve
+from beltcomm.result import Result
 from beltcomm.rundata.revisions import Revision, as_mapping
+from beltcomm.talk import Silence
 
 COST = {name: {"dynamic_m": value} for name, value in (("unaware", 6e-4), ("aware", 4e-5), ("unaware_cart", 7e-4), ("aware_cart", 5e-5))}
 
@@ -45,3 +53,25 @@ def test_without_a_move_afterwards_both_are_predicted() -> None:
     assert [one["how"] for one in found.values()] == ["predicted"] * 2
     assert _errors(None, None, None) == {}
     assert list(_errors(verified(4e-4, 3e-4), verified(5e-5, 6e-5), None)) == ["motor"]
+
+
+def test_what_was_added_is_told_where_no_move_follows(copy_of_complete: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Somebody says no to the move: effect and gains are in the run by then."""
+
+    heard: list[str] = []
+
+    class Hearing(Silence):
+        def say(self, *lines: str) -> None:
+            heard.extend(map(str, lines))
+
+    def declined(*args: object, **given: object) -> Result:
+        raise Declined("nothing was moved, as you said")
+
+    made = {"name": "revision_2", "parent": "", "ratio": 1.0}
+    monkeypatch.setattr(api, "diagnose", lambda *a, **k: Result({"steps": [{"added": "cogging"}], "revisions": [made]}, []))
+    monkeypatch.setattr(api, "design", lambda *a, **k: Result({}, []))
+    monkeypatch.setattr(api, "verify", declined)
+    with pytest.raises(Declined):
+        improve(copy_of_complete(), "virtual", talk=Hearing())
+    assert any("IMPROVED   cogging named and added" in line for line in heard)
+    assert any("beltcomm verify --drive virtual" in line or "beltcomm open" in line for line in heard)

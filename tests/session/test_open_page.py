@@ -127,7 +127,7 @@ def test_charts_that_are_hidden_follow_the_system_s_colours(browser: Browser) ->
     black = """(() => { const one = document.querySelector('#loops canvas');
         const data = one.getContext('2d').getImageData(0, 0, one.width, one.height).data;
         return data.reduce((count, v, i) => count + (i % 4 === 3 && v > 200 && data[i - 1] + data[i - 2] + data[i - 3] < 60), 0); })()"""
-    assert browser.says(black) > 100, "labels"
+    browser.until("black labels on the light page", lambda: browser.says(black) > 100)
     browser.tab("laboratory")
     browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [{"name": "prefers-color-scheme", "value": "dark"}]})
     browser.tab("design")
