@@ -43,8 +43,8 @@ def improve(
     data = dict(found.to_json())
     added = [step["added"] for step in data["steps"] if step["added"]]
     made = data.get("revisions") or []
-    if not added:
-        return _nothing(run, data, found)
+    if not made:  # what was named is not sure, or not confirmed by records held out
+        return _nothing(run, data, found, added)
     designed = api.design(run, command=command, options=options, talk=talk)
     verified, stopped = None, None
     if drive is not None:
@@ -83,12 +83,13 @@ def improve(
     return Result(result, text, code, details=[*found.text, "", *designed.details, *(verified.details if verified else ())])
 
 
-def _nothing(run: Any, data: Mapping[str, Any], found: Result) -> Result:
+def _nothing(run: Any, data: Mapping[str, Any], found: Result, named: list[str]) -> Result:
     """Nothing was confirmed, so nothing is changed."""
     verdict = data["verdict"]
     fine = verdict == "nothing missing"
     state = (tr("NOTHING MISSING"), "good") if fine else (tr("NOT IMPROVED"), "note")
     said = tr("the model explains what was measured") if fine else str(verdict)
+    said += tr(": not sure enough to be added: {names}", names=", ".join(named)) if named else ""
     text = [Line(""), Line("  ", state, "   ", (said, "title")), Line("")]
     step = Following(f"beltcomm open {pasted(run)}", tr("other gains on a page"))
     if not fine:

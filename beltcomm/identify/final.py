@@ -122,7 +122,6 @@ def final_model(
         recordings,
         varying_start,
         counts_per_rev=counts_per_rev,
-        fixed=("belt_spans.pulley_distance",),
         path=constant.path,
         progress=lambda f: progress(0.5 + 0.5 * f),
     )
@@ -221,6 +220,8 @@ def as_constant(model: Model, position_m: float) -> Model:
 def by_position(model: Model, axis: Axis, recordings: Sequence[Recording], places: Mapping[str, PlaceStiffness]) -> Model:
     """The model with the belt law (2.26) instead of a constant stiffness, started from the stiffness of each place.
 
+    The distance of the pulleys stays as in the axis file: beside stiffness and offset nothing is left to tell it by.
+
     Raises
     ------
     UsageError
@@ -235,4 +236,4 @@ def by_position(model: Model, axis: Axis, recordings: Sequence[Recording], place
     position = effect_named("belt_spans")
     without = model.without_effect("belt_stiffness").with_effect(position.name, values, "final fit")
     order = (position.name, *(e for e in without.effects if e != position.name))
-    return Model(model.name, order, without.parameters, model.base_bodies, model.source)
+    return Model(model.name, order, without.parameters, model.base_bodies, model.source).held("belt_spans.pulley_distance")

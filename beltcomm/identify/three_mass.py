@@ -150,8 +150,7 @@ def with_spans(two: FinalModel, axis: Axis, recordings: Sequence[Recording], cou
     stiffness = PlaceStiffness(two.fit.model["belt_stiffness.stiffness"], 0.0)
     places = {r.name: stiffness for r in recordings if r.sidecar.experiment == "frf" and not r.sidecar.held_out}
     start = by_position(two.fit.model, axis, recordings, places)
-    fixed = ("transmission.ratio", "belt_spans.pulley_distance")
-    spans = fit_model(recordings, start, counts_per_rev=counts_per_rev, fixed=fixed, noise_nm=two.fit.noise_nm)
+    spans = fit_model(recordings, start, counts_per_rev=counts_per_rev, noise_nm=two.fit.noise_nm)
     gain = evidence(spans, two.fit)
     return (
         FinalModel(spans, two.fit, f"spans with a massless end pulley: evidence {gain:+.3g} against one stiffness") if gain > 0.0 else two
@@ -184,11 +183,10 @@ def fit_three_mass(
     ranked = _ranked(list(_starts(axis, two.model, recordings, two.suspect)), excited, counts_per_rev, two.noise_nm)
     if not ranked:
         raise DataError("no start value of the three-mass model is possible; look at belt, pulley and travel in axis.yaml")
-    fixed = ("transmission.ratio", GEOMETRY)
     best: ModelFit | None = None
     for number, start in enumerate(ranked[: MOST_STARTS if two.suspect else 1]):
         try:
-            found = fit_model(excited, start, counts_per_rev=counts_per_rev, fixed=fixed, noise_nm=two.noise_nm)
+            found = fit_model(excited, start, counts_per_rev=counts_per_rev, noise_nm=two.noise_nm)
         except DataError:
             continue
         if best is None or found.objective / found.samples < best.objective / best.samples:
@@ -204,7 +202,6 @@ def fit_three_mass(
             recordings,
             start,
             counts_per_rev=counts_per_rev,
-            fixed=fixed,
             noise_nm=two.noise_nm,
             progress=lambda f: progress(0.5 + 0.5 * f),
         )
@@ -245,7 +242,7 @@ def _starts(axis: Axis, two: Model, recordings: Sequence[Recording], suspect: bo
                     **{name: two.get(name) for name in ("viscous.damping", "coulomb.level", "cart_friction.level")},
                     "viscous_cart.damping": 0.0,
                 }
-                model = build_model(two.name, EFFECTS, values, origin="three-mass fit")
+                model = build_model(two.name, EFFECTS, values, origin="three-mass fit").held(GEOMETRY)
                 if all(low < model[name] < high for name, (low, high) in bounds.items()):
                     found = {n: replace(model.parameters[n], low=low, high=high) for n, (low, high) in bounds.items()}
                     yield replace(model, parameters={**model.parameters, **found})

@@ -21,7 +21,7 @@ from beltcomm.given import Place, pasted, place, word
 from beltcomm.jobs.rungs import base_revision, change_of, revision_of
 from beltcomm.laboratory.acceptance import drop_by
 from beltcomm.laboratory.compare import compare
-from beltcomm.laboratory.coupled_bodies import COUPLING, with_coupling
+from beltcomm.laboratory.coupled_bodies import COUPLING, SECTIONS, with_coupling, with_sections
 from beltcomm.laboratory.diagnosis import final_refit
 from beltcomm.laboratory.forward_selection import MISSING, with_effect
 from beltcomm.laboratory.gap_evidence import is_replaceable_gap
@@ -244,6 +244,8 @@ def fit_with(here: Opened, effect: str, start: Mapping[str, float] | None) -> tu
     """
     if effect == COUPLING.name and not start and (found := with_coupling(here.data, here.fitted, here.folder.axis)) is not None:
         return found
+    if effect == SECTIONS and not start and (sections := with_sections(here.data, here.fitted)) is not None:
+        return refit_with_rebuilt_motion(here.data, sections, NEXT_ITERATIONS)
     ground = ground_of(here.fitted, here.data.fitted, here.folder.axis)
     grown = with_effect(here.data, here.fitted, ground, effect_named(effect), start)
     return refit_with_rebuilt_motion(here.data, better(here.folder, here.data, here.fitted, grown, effect), NEXT_ITERATIONS)

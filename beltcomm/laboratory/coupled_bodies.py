@@ -88,6 +88,14 @@ def with_coupling(data: Data, current: Fitted, axis: Axis) -> tuple[Data, Fitted
     return None if found is None else settled(*refit_with_rebuilt_motion(found[0], found[2], NEXT_ITERATIONS))
 
 
+def with_sections(data: Data, current: Fitted) -> Fitted | None:
+    """Model whose spans have become sections with an end pulley that was asked for; None where it has no spans, or nothing can be begun."""
+    if SPANS_BY_PLACE not in current.model.effects or has_end_pulley(current.model):
+        return None
+    places = list(with_pulleys(current.model, current.model["cart.mass"], stiffness_at(current.model, middle_m(data, current.model))))
+    return next(iter(by_objective(fit(data, place, ITERATIONS, offsets=current.offsets) for place in places)), None)
+
+
 def grown_by_coupling(data: Data, current: Fitted, axis: Axis, *, alone: bool = False) -> tuple[Data, Fitted, Fitted, int] | None:
     """Records with steps of time that suit a coupling, the model as it is and with one, and places it was begun from; None for none.
 
@@ -150,7 +158,7 @@ def begun_at(model: Model | None, values: Mapping[str, float]) -> Model | None:
 
 
 def with_pulleys(model: Model, mass: float, belt: float) -> Iterator[Model]:
-    """The model with end pulleys: in a span of unknown geometry, or between the sections of one that is known.
+    """The model with end pulleys: in a span of unknown geometry, or between the sections of one that is known, where it may be already.
 
     Parameters
     ----------
@@ -160,12 +168,9 @@ def with_pulleys(model: Model, mass: float, belt: float) -> Iterator[Model]:
         Stiffness to which the damping of the belt belongs.
     """
     if SPANS_BY_PLACE in model.effects:
-        own = {name: model[f"{SPANS_BY_PLACE}.{name}"] for name in ("specific_stiffness", "pulley_distance", "offset")}
-        own["specific_damping"] = model.get("belt_damping.damping") / belt * own["specific_stiffness"]
-        bare = model.without_effect(SPANS_BY_PLACE)
-        bare = bare.without_effect("belt_damping") if "belt_damping" in bare.effects else bare
-        sections = {f"{SECTIONS}.{name}": value for name, value in own.items()}
-        tried = (begun_at(bare.with_effect(SECTIONS), {**sections, "end_pulley.mass": share * mass}) for share in PULLEYS)
+        tried = (begun_at(by_sections(model, belt), {"end_pulley.mass": share * mass}) for share in PULLEYS)
+    elif SECTIONS in model.effects:
+        tried = (begun_at(model, {"end_pulley.mass": share * mass}) for share in PULLEYS)
     else:
         tried = (
             begun_at(
@@ -175,6 +180,16 @@ def with_pulleys(model: Model, mass: float, belt: float) -> Iterator[Model]:
             for pulley, (share, split) in itertools.product(PULLEYS, SPANS)
         )
     yield from (grown for grown in tried if grown is not None)
+
+
+def by_sections(model: Model, belt: float) -> Model | None:
+    """The model whose spans are sections with an end pulley between them, of the geometry that they have; None beyond the bounds."""
+    own = {name: model[f"{SPANS_BY_PLACE}.{name}"] for name in ("specific_stiffness", "pulley_distance", "offset")}
+    own["specific_damping"] = model.get("belt_damping.damping") / belt * own["specific_stiffness"]
+    bare = model.without_effect(SPANS_BY_PLACE)
+    bare = bare.without_effect("belt_damping") if "belt_damping" in bare.effects else bare
+    grown = begun_at(bare.with_effect(SECTIONS), {f"{SECTIONS}.{name}": value for name, value in own.items()})
+    return None if grown is None else grown.held(f"{SECTIONS}.pulley_distance")
 
 
 def stiffness_at(model: Model, place_m: float) -> float:

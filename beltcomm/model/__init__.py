@@ -278,6 +278,22 @@ class Model:
         """
         return {key: on_side(item, self.side) for key, item in effect_parameters(effect).items()}
 
+    def held(self, name: str) -> Model:
+        """The model with a parameter that no fit moves: without room between its bounds.
+
+        Parameters
+        ----------
+        name : str
+            Full name.
+
+        Returns
+        -------
+        Model
+            A new model.
+        """
+        known = replace(self.parameters[name], low=self[name], high=self[name])
+        return replace(self, parameters={**self.parameters, name: known})
+
     def with_forms(self, name: str) -> Model:
         """The model with the forms of one effect's law free to be fitted: see ``Parameter.form``.
 

@@ -23,6 +23,7 @@ from beltcomm.fit.segment import segments, squares_left, whitened_residual, with
 from beltcomm.fit.torque_path import FAITHFUL, TorquePath
 from beltcomm.identify.dead_time import DeadTime
 from beltcomm.model import Model
+from beltcomm.model.linear import describes
 from beltcomm.recording import Recording
 from beltcomm.response import FrequencyResponse
 from beltcomm.result import plain
@@ -299,7 +300,9 @@ def on_draws(grounds: Grounds, cascade: Cascade, period_s: float, seed: int) -> 
     draws = []
     for row, d in zip(values, delays, strict=True):
         with suppress(UsageError):  # a law that hardly anything is known of may leave no stiffness at an end of the travel
-            draws.append(_plants(grounds, model.with_values({names[i]: float(row[i]) for i in drawn}), float(d)))
+            machine = model.with_values({names[i]: float(row[i]) for i in drawn})
+            if all(describes(machine, x) for x in grounds.positions_m):  # nor length to a section of the belt
+                draws.append(_plants(grounds, machine, float(d)))
     if len(draws) < LEAST_DRAWN * count:
         raise Refused(
             f"{len(draws)} of {count} draws of the model make a machine at {' and '.join(f'{x:.2f} m' for x in grounds.positions_m)}, "

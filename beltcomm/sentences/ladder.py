@@ -218,8 +218,9 @@ def effect_lines(effect: Effect, model: Model) -> list[str]:
         if parameter.form and item.low == item.high:
             continue  # the usual form, which nothing spoke against
         width = "" if item.interval is None else f" ± {item.interval:.2g}"
+        held = item.low == item.high
         bound = item.interval is None and not parameter.form and not elsewhere and not item.low < item.value < item.high
-        doubt = ", at the bound of what is possible: hardly the cause" if bound else ""
+        doubt = ", as it was: no fit moves it" if held else ", at the bound of what is possible: hardly the cause" if bound else ""
         usual = f" (its form; usual is {parameter.start:g})" if parameter.form else ""
         lines.append(f"  {with_unit(f'{name} = {item.value:.4g}{width}', item.unit)}{doubt}{usual}")
     lines += elsewhere
