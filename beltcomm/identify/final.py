@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -20,7 +21,7 @@ from beltcomm.fit.jumps import proven_jumps, refuse
 from beltcomm.fit.model_fit import SUSPECT_MISFIT, ModelFit, fit_model
 from beltcomm.fit.segment import OUTLIER, Segment, segments, whitened_residual
 from beltcomm.fit.seldom_fit import fit_seldom
-from beltcomm.fit.start import belt_start, data_sheet
+from beltcomm.fit.start import belt_start, correct_by_slow_motion, data_sheet
 from beltcomm.fit.torque_path import FAITHFUL, TorquePath
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -33,6 +34,9 @@ CLEAR = 4.0
 CURVATURE_STEP = 0.01
 #: m; records nearer to each other than this cannot tell a law of the stiffness along the travel.
 PLACES_APART_M = 0.05
+#: Error over the noise from which on a fit explains nothing, factor by which its inertia may leave the data sheet's nevertheless, and
+#: factor by which the error may grow with the data sheet's.
+FAR_OFF, STRAYED, HARDLY = 3.0, 1.5, 1.5
 RIGID = "nothing is known to swing between motor and load: both move as one"
 #: How much more one of two fits may keep to be compared by its objective.
 OTHER_SAMPLES = 1.5
@@ -101,6 +105,7 @@ def final_model(
             raise
         return FinalModel(seldom, None, ONE_PLACE)
     refuse_jumps(recordings, constant, counts_per_rev)
+    constant = or_with_sheet_inertia(constant, axis, recordings, counts_per_rev)
     if seldom is not None and seldom.misfit < constant.misfit:
         return FinalModel(seldom, constant, ONE_PLACE)
     places = stiffness_by_record(recordings, constant.model, counts_per_rev, constant.noise_nm, constant.path)
@@ -134,6 +139,24 @@ def final_model(
         f"stiffness differs by {100 * spread:.0f} % between places; taken as {law}: evidence {gain:+.3g} for a law by position, "
         f"misfit {varying.misfit:.3g} with it and {constant.misfit:.3g} without",
     )
+
+
+def or_with_sheet_inertia(fit: ModelFit, axis: Axis, recordings: Sequence[Recording], counts_per_rev: int) -> ModelFit:
+    """A fit far above the noise whose inertia left the data sheet's, with that inertia instead, where this explains hardly less.
+
+    In a gap the motor swings alone: excited records show masses that are not there, as many as one likes, and a stiffness to each.  Strokes
+    and moves carry the whole load, so that with the motor's inertia as it is stated the load is what slow motion says.
+    """
+    sheet, name = data_sheet(axis, recordings), "motor.inertia"
+    if sheet is None or fit.misfit < FAR_OFF**2 or abs(math.log(fit.model[name] / sheet[name])) < math.log(STRAYED):
+        return fit
+    usable = [r for r in recordings if not (r.is_static_map or r.sidecar.held_out)]
+    begun = correct_by_slow_motion(fit.model.with_values({"cart.mass": sheet.parameters["cart.mass"].low}), sheet, usable)
+    try:
+        held = fit_model(recordings, begun.with_values({name: sheet[name]}), counts_per_rev=counts_per_rev, fixed=(name,), sheet=sheet)
+    except DataError:
+        return fit
+    return held if held.misfit < HARDLY**2 * fit.misfit else fit
 
 
 def refuse_jumps(recordings: Sequence[Recording], fit: ModelFit, counts_per_rev: int) -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from beltcomm.fit.start import start_model
 from beltcomm.laboratory.diagnosis import MOST_EFFECTS, Diagnosis, diagnose
+from beltcomm.laboratory.forward_selection import MISSING
 from beltcomm.laboratory.precompile import last_compiled
 from beltcomm.laboratory.run_checks import Checked
 from beltcomm.laboratory.scope import restrict_to_scope
@@ -32,6 +34,8 @@ def search_of(folder: RunFolder, talk: Talk, most: int = MOST_EFFECTS) -> tuple[
     records = records_of(folder)
     talk.phase(1, 0, "search for missing effects")
     start, seen_so, base = fit_base(folder, records.recordings, current_model(folder))
+    if base.objective > MISSING * base.problem.samples:  # a model that made up for what is missing is no place to look from
+        start = start_model(folder.axis, records.recordings)
     found = diagnose(
         records.recordings,
         folder.axis,

@@ -34,6 +34,7 @@ from beltcomm.laboratory.forward_selection import (
 )
 from beltcomm.laboratory.gap_behind_delay import gap_with_delay
 from beltcomm.laboratory.gap_evidence import is_replaceable_gap
+from beltcomm.laboratory.gap_from_start import gap_from_start
 from beltcomm.laboratory.law_shape import assign_body, fit_law_shapes
 from beltcomm.laboratory.plausibility import implausible_effects, parameters_at_bounds, undetermined_effects
 from beltcomm.laboratory.residual_structure import structure
@@ -296,6 +297,8 @@ def find_candidates(
     held = fit_with_sheet_values(data, current, start)
     beside = ground_of(held, data.fitted, axis)
     both = merge_candidates(candidates, search(data, Scorer(held), beside, swallowed_above=math.inf, against=current))
+    wide = gap_from_start(data, current, start)
+    both = both if wide is None else merge_candidates(both, [wide])
     if any(c.accepted and c.explained > MOSTLY for c in both):
         return both
     masked = gap_with_delay(data, current, held)
