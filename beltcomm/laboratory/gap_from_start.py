@@ -79,13 +79,13 @@ def likelier(data: Data, model: Model, size: float) -> Model:
         found = zip(bounds.items(), np.exp(place), strict=True)
         return model.with_values({name: float(min(max(value, b.low), b.high)) for (name, b), value in found}, "laboratory")
 
+    def unlikely(place: Array) -> float:
+        return negative_log_likelihood(data.fitted, model_at(place))
+
     begin = np.log([model[name] for name in bounds])
     corners = np.vstack([begin, begin + size * np.diag([STEPS[name] for name in bounds])])
     found = minimize(
-        lambda place: negative_log_likelihood(data.fitted, model_at(place)),
-        begin,
-        method="Nelder-Mead",
-        options={"initial_simplex": corners, "maxfev": LOOKS, "fatol": 1.0, "xatol": 1e-4},
+        unlikely, corners[0], method="Nelder-Mead", options={"initial_simplex": corners, "maxfev": LOOKS, "fatol": 1.0, "xatol": 1e-4}
     )
     return model_at(found.x)
 
