@@ -23,7 +23,6 @@ from beltcomm.fit.segment import OUTLIER, Segment, segments, whitened_residual
 from beltcomm.fit.seldom_fit import fit_seldom
 from beltcomm.fit.start import belt_start, correct_by_slow_motion, data_sheet
 from beltcomm.fit.torque_path import FAITHFUL, TorquePath
-from beltcomm.identify.landmarks import shape_of
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 
@@ -106,7 +105,7 @@ def final_model(
             raise
         return FinalModel(seldom, None, ONE_PLACE)
     refuse_jumps(recordings, constant, counts_per_rev)
-    constant = or_with_sheet_values(constant, axis, recordings, counts_per_rev)
+    constant = or_with_sheet_inertia(constant, axis, recordings, counts_per_rev)
     if seldom is not None and seldom.misfit < constant.misfit:
         return FinalModel(seldom, constant, ONE_PLACE)
     places = stiffness_by_record(recordings, constant.model, counts_per_rev, constant.noise_nm, constant.path)
@@ -142,12 +141,11 @@ def final_model(
     )
 
 
-def or_with_sheet_values(fit: ModelFit, axis: Axis, recordings: Sequence[Recording], counts_per_rev: int) -> ModelFit:
+def or_with_sheet_inertia(fit: ModelFit, axis: Axis, recordings: Sequence[Recording], counts_per_rev: int) -> ModelFit:
     """A fit far above the noise whose inertia left the data sheet's, with that inertia instead, where this explains hardly less.
 
     In a gap the motor swings alone: excited records show masses that are not there, as many as one likes, and a stiffness to each.  Strokes
-    and moves carry the whole load, so that with the motor's inertia as it is stated the load is what slow motion says.  Where nothing
-    swings in such a fit, stiffness and damping are the data sheet's, too.
+    and moves carry the whole load, so that with the motor's inertia as it is stated the load is what slow motion says.
     """
     sheet, name = data_sheet(axis, recordings), "motor.inertia"
     if sheet is None or fit.misfit < FAR_OFF**2 or abs(math.log(fit.model[name] / sheet[name])) < math.log(STRAYED):
@@ -157,18 +155,11 @@ def or_with_sheet_values(fit: ModelFit, axis: Axis, recordings: Sequence[Recordi
     begun = correct_by_slow_motion(empty, sheet, usable)
     if begun is empty:  # no slow motion tells what moves
         return fit
-
-    def held(*names: str) -> ModelFit | None:
-        start = begun.with_values({known: sheet[known] for known in names})
-        try:
-            return fit_model(recordings, start, counts_per_rev=counts_per_rev, fixed=names, sheet=sheet)
-        except DataError:
-            return None
-
-    found = held(name)
-    best = found if found is not None and found.misfit < HARDLY**2 * fit.misfit else fit
-    place = float(np.median([r.sidecar.start_position_m or 0.0 for r in usable]))
-    return best if shape_of(best.model, place) is not None else held(name, "belt_stiffness.stiffness", "belt_damping.damping") or best
+    try:
+        held = fit_model(recordings, begun.with_values({name: sheet[name]}), counts_per_rev=counts_per_rev, fixed=(name,), sheet=sheet)
+    except DataError:
+        return fit
+    return held if held.misfit < HARDLY**2 * fit.misfit else fit
 
 
 def refuse_jumps(recordings: Sequence[Recording], fit: ModelFit, counts_per_rev: int) -> None:
