@@ -282,8 +282,8 @@ def find_candidates(
 ) -> list[Candidate]:
     """Candidates for what is missing, best first.
 
-    Where the fit strayed from its start values, looked for from there as well, and where nothing explains most even so, for what hides
-    each other (``gap_behind_delay``).
+    Where the fit strayed from its start values, looked for from there as well, and where nothing explains most even so, for a gap between
+    those values (``gap_from_start``) and for what hides each other (``gap_behind_delay``).
 
     Parameters
     ----------
@@ -297,10 +297,10 @@ def find_candidates(
     held = fit_with_sheet_values(data, current, start)
     beside = ground_of(held, data.fitted, axis)
     both = merge_candidates(candidates, search(data, Scorer(held), beside, swallowed_above=math.inf, against=current))
-    wide = gap_from_start(data, current, start)
-    both = both if wide is None else merge_candidates(both, [wide])
     if any(c.accepted and c.explained > MOSTLY for c in both):
         return both
+    apart = gap_from_start(data, current, start)
+    both = both if apart is None else merge_candidates(both, [apart])
     masked = gap_with_delay(data, current, held)
     return both if masked is None else merge_candidates([c for c in both if c.effect is not masked.effect], [masked])
 
