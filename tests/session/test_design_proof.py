@@ -46,9 +46,9 @@ def test_a_healthy_run_is_proven_on_its_own_responses(copy_of_complete: Copy, co
         assert one["direction"] == "standing"
         assert one["velocity"]["most_sensitivity_db"] >= one["velocity"]["sensitivity_db"]
         assert one["scatter"] > 5.0 * one["noise"]  # friction's wrong lines repeat
-    # Friction poses as damping: what is measured has far more margin than the model counts without it.
-    loud = [one for one in proof["measured"] if one["record"] != "frf_3"]
-    assert min(one["velocity"]["least_phase_margin_deg"] for one in loud) > 20.0 + min(m["phase_margin_deg"] for m in data["margins"])
+    # Friction poses as damping: what is measured has far more margin than the model counts without it, or crosses 0 dB nowhere.
+    loud = [one["velocity"]["least_phase_margin_deg"] for one in proof["measured"] if one["record"] != "frf_3"]
+    assert min(one for one in loud if one is not None) > 20.0 + min(m["phase_margin_deg"] for m in data["margins"])
     draws = proof["draws"]
     assert (draws["unstable"], draws["seed"]) == (0, 0)
     assert draws["loops"] == draws["count"] * draws["plants"] == 1280
