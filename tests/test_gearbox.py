@@ -210,7 +210,8 @@ def test_a_geared_axis_is_measured_on_the_drive(tmp_path: Path, ratio: float) ->
     bench.close()
     assert truth["coulomb_total_nm"] < breakaway.coulomb_nm < 1.5 * truth["coulomb_total_nm"]
     assert step.prediction.belt_force_n <= phases.BELT_SHARE * axis.belt_force_limit_n
-    assert 0.5 * step.prediction.belt_force_n < np.abs(bench.plant.belt_force_n).max() < axis.belt_force_limit_n
+    # What is predicted counts with half of the damping, which nobody measured.
+    assert 0.4 * step.prediction.belt_force_n < np.abs(bench.plant.belt_force_n).max() < axis.belt_force_limit_n
     fit = fit_model([record], model.with_values({"cart.mass": 1.05 * model["cart.mass"]}), counts_per_rev=counts)
     assert not fit.suspect
     for name, true in (

@@ -65,7 +65,7 @@ def test_both_are_tried_only_where_nothing_explains_most(monkeypatch: pytest.Mon
     tries: list[Any] = []
     monkeypatch.setattr(diagnosis, "search", lambda *_, **_options: [first])
     monkeypatch.setattr(diagnosis, "left_start_values", lambda *_: True)
-    for name in ("ground_of", "fit_with_sheet_values", "Scorer"):
+    for name in ("ground_of", "fit_with_sheet_values", "Scorer", "gap_from_start"):
         monkeypatch.setattr(diagnosis, name, lambda *_: None)
     monkeypatch.setattr(diagnosis, "gap_with_delay", lambda *words: tries.append(words) or behind)
     anything: Any = type("Anything", (), {"fitted": ()})()

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from beltcomm.drive.parameters import GAIN_NAMES
@@ -44,7 +43,7 @@ def test_design_takes_the_feedforward_asked_for(copy_of_complete: Copy, complete
 
 
 def test_verify_without_feedforward_trails_by_speed_over_the_position_gain(make_bench: MakeBench, copy_of_complete: Copy) -> None:
-    """For this move only: 1.36 m/s and more than a motor revolution behind, as predicted; the design of the run stays what it was."""
+    """For this move only: 1.36 m/s and about a motor revolution behind, as predicted; the design of the run stays what it was."""
     run, bench = copy_of_complete(), make_bench()
     before = (run / "designs" / "final.yaml").read_bytes()
     outcome = call("verify", *DRIVE, "--yes", "--run", run, "--feedforward", "none")
@@ -56,7 +55,6 @@ def test_verify_without_feedforward_trails_by_speed_over_the_position_gain(make_
     kpp = RunFolder.open(run).load("designs", "final")["parameters"]["kpp_1_s"]
     assert data["measured"]["dynamic_m"] == pytest.approx(1.36 / kpp, rel=0.15)
     assert data["measured"]["dynamic_m"] == pytest.approx(data["predicted"]["dynamic_m"], rel=0.02)
-    assert data["measured"]["dynamic_m"] > 2.0 * np.pi * RATIO  # beyond the window that the drive came with
     assert (run / "designs" / "final.yaml").read_bytes() == before
     assert bench.parameters() == bench.initial
     assert bench.stands_disabled()

@@ -112,5 +112,5 @@ def test_strokes_that_lag_are_given_time_or_refused() -> None:
     assert own_strokes.note(Slow(2.0)) == {"run_in_s": 0.2 + settle_s}  # type: ignore[arg-type]
     assert own_strokes.settle_s(Slow(0.1, feedforward=True)) == 0.0  # type: ignore[arg-type]
     assert own_strokes.note(Slow(0.1, feedforward=True)) == {}  # type: ignore[arg-type]
-    with pytest.raises(Refused, match=r"K_PP = 0.9 1/s.*CAN port"):
+    with pytest.raises(Refused, match=r"Kv = 0.9 1/s.*CAN port"):
         own_strokes.settle_s(Slow(0.9))  # type: ignore[arg-type]
