@@ -185,7 +185,7 @@ def verify_with(
         out_of = verification.predicted_stops(machine, model, cascade, delay_s, path)
         plan = verification_plan(machine.axis, model, path, braking, out_of, len(RUNGS) if rungs else 1 + (learn or 0))
         agreed_n = 0.0
-        if feedforward is not None:  # one that somebody asks for may load the belt harder, which the plan tells
+        if feedforward is not None or rungs:  # one that somebody asks for may load the belt harder, which the plan tells
             agreed_n = BELT_BEYOND * out_of.host_lost.belt_force_n
             plan = replace(plan, host_loss_n=max(agreed_n, plan.host_loss_n or 0.0))
         if planned is not None:

@@ -41,7 +41,7 @@ def test_the_ways_on_the_own_model_find_its_mass(complete: Complete, tmp_path: P
     found = own_thesis("identification", complete.path, pictures=tmp_path).to_json()
     by = {way["name"]: way for way in found["ways"]}
     assert by["indirect, C as it runs"]["mass_kg"] == pytest.approx(complete.bench.plant.truth["mass_kg"], rel=0.02)
-    assert abs(by["strong loop, indirect"]["low_db"]) < 0.2 < 1.0 < by["strong, C 20 % off"]["low_db"]
+    assert abs(by["strong loop, indirect"]["low_db"]) < 0.3 < 1.0 < by["strong, C 20 % off"]["low_db"]
     assert len(found["pictures"]) == len(list(tmp_path.glob("*.png"))) == 3
 
 
