@@ -68,7 +68,7 @@ def test_the_notebook_on_a_response_runs(run_notebook: Callable[[str], dict[str,
     names = run_notebook("from_response_to_gains.ipynb")
     assert names["model"]["cart.mass"] == pytest.approx(load_plant("g_b").model["cart.mass"], rel=0.02)
     assert (np.abs(names["h"][:5]) > 3.0 * np.abs(names["measured"].h[:5])).all(), "friction poses as damping"
-    assert capsys.readouterr().out.count("Kv") == 2
+    assert capsys.readouterr().out.count(" N m s/rad, Ki ") == 2
 
 
 @pytest.mark.examination

@@ -82,9 +82,7 @@ def test_one_drift_in_a_further_record_is_survived(make_bench: MakeBench, copy_o
     asked = [float(nm) for nm in re.findall(r"frf_3: .*; ±([\d.]+) N m, limited by", journal)]
     assert asked[-1] == pytest.approx(0.7 * asked[-2], rel=0.01)
     made = [float(note["excitation"]["amplitude_nm"]) for note in (before, again)]
-    assert made == pytest.approx(asked[-2:], abs=1.2 * STEP_NM + 5e-4), (
-        "a step of the drive more, the mean that is taken away, three digits"
-    )
+    assert made == pytest.approx(asked[-2:], abs=1.2 * STEP_NM + 5e-4), "a step of the drive more, the mean taken away, three digits"
     assert frf_3.with_suffix(".csv").is_file()
     assert bench.stands_disabled()
     assert bench.parameters() == bench.initial
