@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
-from beltcomm import api
+from beltcomm import api, atomic
 from beltcomm.effects import effect_named
 from beltcomm.errors import Refused
 from beltcomm.given import pasted
@@ -92,22 +93,23 @@ def demo(run: Path, *, seed: int, talk: Talk | None = None) -> Iterator[DemoStep
     """
     talk = _Progress(talk or Silence())
     name, model = hidden(seed)
-    drive = f"virtual:{PLANT}"
+    machine = plant_of(run, model)
+    drive = f"virtual:{machine}"
     api.identify(drive, AXIS, run, options=_options(model, seed), talk=talk)
     yield DemoStep(
-        f"beltcomm identify --drive virtual --run {pasted(run)}",
+        f"beltcomm identify --drive {pasted(drive)} --run {pasted(run)}",
         "Measure: the axis jogs a few mm in each direction, then is excited in place.",
         ["A first model: masses, stiffness of the belt, friction."],
     )
     swept = api.friction(drive, run, options=_options(model, seed), talk=talk)
     yield DemoStep(
-        f"beltcomm friction --drive virtual --run {pasted(run)}",
+        f"beltcomm friction --drive {pasted(drive)} --run {pasted(run)}",
         "Measure where it travels: strokes over the whole axis, both ways, slow to fast.",
         swept.details[1:4],
     )
     api.friction(drive, run, options=_options(model, seed), talk=talk)
     yield DemoStep(
-        f"beltcomm friction --drive virtual --run {pasted(run)}",
+        f"beltcomm friction --drive {pasted(drive)} --run {pasted(run)}",
         "Once more, as a witness: this record is held out, nothing is fitted to it.",
         ["A second sweep, which can contradict what is found in the others."],
     )
@@ -145,6 +147,15 @@ def demo(run: Path, *, seed: int, talk: Talk | None = None) -> Iterator[DemoStep
     ladder = api.ladder(run)
     yield DemoStep(f"beltcomm ladder {pasted(run)}", "All of it as a staircase down to the noise.", ladder.text)
     yield DemoStep("", "What was hidden", answer(name, model, added), {"hidden": name, "named": list(added), "right": name in added})
+
+
+def plant_of(run: Path, model: Model) -> Path:
+    """The machine with the fault, as a plant file beside its run: what is recorded or verified later is recorded on it, too."""
+    path = run.with_name(f"{run.name}.plant.yaml")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    text = yaml.safe_dump({**model.to_dict(), "drive": load_plant(PLANT).drive_section()}, sort_keys=False, allow_unicode=True)
+    atomic.write(path, text.encode())
+    return path
 
 
 def _options(model: Model, seed: int) -> api.Options:
