@@ -304,7 +304,9 @@ def _ask_all(start: Axis, unfinished: Path, kind: str) -> dict[str, Any]:
 
     data: dict[str, Any] = start.to_dict()
     own = KINDS.get(kind)
-    data["name"] = reply(tr("Name of the axis"), start.name) or reply(tr("  Plans and reports need its name"), "")
+    data["name"] = reply(tr("Name of the axis"), start.name)
+    while not data["name"]:
+        data["name"] = reply(tr("  Plans and reports need its name"), "")
     if own is not None:
         entries = own.sections()
     else:

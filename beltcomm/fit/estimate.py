@@ -75,7 +75,7 @@ class Fitted:
     @property
     def ratio(self) -> float:
         """rms of the residual over rms of the noise, fitted records."""
-        return float(np.sqrt(np.mean(self.residual**2)))
+        return float(np.sqrt(np.mean(self.residual**2))) if len(self.residual) else np.nan
 
     @property
     def held_ratio(self) -> float | None:

@@ -196,7 +196,7 @@ def _dcf(folder: RunFolder, saved: Mapping[str, Any], out: Path | None, when: st
     left = [
         f"this drive has no {name}, which the design sets to {value:.4g}" for name, value in wanted.items() if name not in places and value
     ]
-    notes = [*left, *(f"the design is in doubt: {doubt}" for doubt in doubts(folder))]
+    notes = [*left, *_along(saved, "along with its setpoints"), *(f"the design is in doubt: {doubt}" for doubt in doubts(folder))]
     text = dcf_text(values, {**folder.drive, "when": when}, notes)
     data = {"run": str(folder.path), "format": "dcf", "objects": [item.to_dict() for item in values], "notes": notes}
     return _written(data, text, out, f"{len(values)} objects of {folder.drive.get('device_name', 'the drive')}.", options, talk)
@@ -216,6 +216,13 @@ def _torque_limit_nm(folder: RunFolder, structure: CascadeStructure, given: floa
             "give it with --torque-limit"
         )
     return known
+
+
+def _along(saved: Mapping[str, Any], where: str) -> list[str]:
+    """What the host sends along by the design, which no exported text holds; a sentence or none.   where : it is handed in."""
+    effects = ", ".join(str(effect) for effect in saved.get("compensated") or ())
+    told = f"torque against {effects} depends on place and speed and is not in this text: the host computes it and hands it in {where}"
+    return [told] if effects else []
 
 
 def _apart(cascade: Cascade, structure: CascadeStructure, saved: Mapping[str, Any]) -> list[str]:
@@ -244,10 +251,4 @@ def _apart(cascade: Cascade, structure: CascadeStructure, saved: Mapping[str, An
         found.append(f"the drive {name} bounds the output of its position controller to {bound}; the text does not")
     if structure.dead_zone_rad > 0.0:
         found.append(f"the drive {name} does not see position errors below {structure.dead_zone_rad:.6g} rad; the text does")
-    along = [str(effect) for effect in saved.get("compensated") or ()]
-    if along:
-        found.append(
-            f"torque against {', '.join(along)} depends on place and speed and is not in this text: the host computes it and hands it in "
-            "as extra_torque_nm"
-        )
-    return [*found, *(str(remark) for remark in saved.get("remarks") or ())]
+    return [*found, *_along(saved, "as extra_torque_nm"), *(str(remark) for remark in saved.get("remarks") or ())]

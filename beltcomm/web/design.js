@@ -93,8 +93,11 @@ export function design(ask) {
     if (found.sentence) $("summary").textContent = latest.sentence.startsWith("Nothing") ? found.sentence : `${latest.sentence.slice(0, -1)}; ${found.sentence.replace("Against the present design: ", "")}`;
     rows([...latest.changes, ...found.changes]);
     const { dynamic_mm, static_um, places } = begun.targets, { error, cart_error } = found.new;
-    const judged = (place, one) => !places.includes(place) ? "" :
-      ` (${1e3 * one.dynamic_m <= dynamic_mm && 1e6 * one.static_m <= static_um ? "meets" : "misses"} ${dynamic_mm} mm and ${static_um} µm)`;
+    const judged = (place, one) => {
+      if (!places.includes(place)) return "";
+      const missed = [1e3 * one.dynamic_m > dynamic_mm && `${dynamic_mm} mm`, 1e6 * one.static_m > static_um && `${static_um} µm`].filter(Boolean);
+      return missed.length ? ` (misses ${missed.join(" and ")})` : ` (meets ${dynamic_mm} mm and ${static_um} µm)`;
+    };
     const rest = places.includes("carriage") ? ` while moving, ${number(1e6 * cart_error.static_m)} µm at rest` : "";
     $("error").textContent = `At the motor ${number(1e3 * error.dynamic_m)} mm while moving, ${number(1e6 * error.static_m)} µm at rest${judged("motor", error)}; ` +
       `at the carriage ${number(1e3 * cart_error.dynamic_m)} mm${rest}${judged("carriage", cart_error)}.` + (found.new.saturated.length ? ` It reaches ${found.new.saturated.join(" and ")}.` : "");
