@@ -9,6 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from beltcomm.cli.main import cli
+from beltcomm.model import load_plant
 
 SEED = 1
 
@@ -29,3 +30,6 @@ def test_a_fault_is_found_and_the_error_falls_to_the_noise(tmp_path: Path) -> No
     pictures = [name for step in changes for name in step["pictures"]]
     assert pictures
     assert all((tmp_path / "R" / name).is_file() for name in pictures)
+    # What is verified later is verified on the machine that was diagnosed.
+    assert last["hidden"] in load_plant(tmp_path / "R.plant.yaml").model.effects
+    assert "R.plant.yaml" in CliRunner().invoke(cli, ["design", str(tmp_path / "R")]).output
