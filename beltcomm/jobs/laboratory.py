@@ -96,7 +96,7 @@ def compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
     made += drawn.responses_picture(here.folder, table, command)[0] if pictures and not remarks else []
     data = {
         "run": str(run),
-        "model": {"effects": list(here.fitted.model.effects), "parameters": values_of(here.fitted.model)},
+        "model": {"effects": list(here.fitted.model.effects), "parameters": values_of(with_intervals(here.fitted))},
         **ratios(comparison),
         KEY: path_data(here.data.path, period_of(here.data.recordings)),
         "records": [plain(r) for r in comparison.records],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 
@@ -115,6 +116,8 @@ def test_loads_that_are_named_are_found_with_intervals(tmp_path: Path) -> None:
     assert max(found.ratio, found.held_ratio or 9.0) < 1.05
     outcome = call("compare", str(run))
     assert "in b, d with 'disc'" in outcome.stdout, outcome.output
+    told = json.loads(call("compare", str(run), "--json").stdout)["model"]["parameters"]["motor.inertia"]
+    assert (told["value"], told["interval"]) == (model["motor.inertia"].value, model["motor.inertia"].interval)
     outcome = call("diagnose", str(run))
     assert "Verdict: nothing missing" in outcome.stdout, outcome.output
     outcome = call("add", "cogging", str(run))
