@@ -399,9 +399,14 @@ def fit_and_design(machine: Machine, findings: Findings, settings: Settings) -> 
     counts = machine.drive.capabilities.counts_per_rev
     first = findings.final.fit.model if findings.final else None
     with machine.withdrawing():
-        findings.final = final_model(recordings, machine.axis, counts, start=first, progress=lambda f: machine.talk.progress(f, None))
-        if findings.final.fit.suspect and first is not None:
-            findings.final = from_records_alone(findings.final, recordings, machine.axis, counts)
+        try:
+            findings.final = final_model(recordings, machine.axis, counts, start=first, progress=lambda f: machine.talk.progress(f, None))
+            if findings.final.fit.suspect and first is not None:
+                findings.final = from_records_alone(findings.final, recordings, machine.axis, counts)
+        except DataError:
+            if first is None:
+                raise
+            findings.final = final_model(recordings, machine.axis, counts)  # the first model was far off: none of the motion fits it
     model = findings.final.fit.model
     stated = machine.drive.capabilities.torque_reading
     findings.remarks += stated_remarks(findings.final.fit.path, stated, machine.drive.capabilities.sample_period_s)

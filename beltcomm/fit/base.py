@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import in_one_thread
-from beltcomm.errors import DataError
 from beltcomm.fit.angle_noise import NOISY
 from beltcomm.fit.decimation import smallest_step
-from beltcomm.fit.estimate import AT_A_TIME, NOTHING_COUNTS, Fitted, fit, resume_fit
+from beltcomm.fit.estimate import AT_A_TIME, Fitted, fit, resume_fit
 from beltcomm.fit.far_off import least_plain_error
 from beltcomm.fit.intervals import UNEXPLAINED, with_intervals
 from beltcomm.fit.likelihood import OFFSET_M
@@ -271,15 +270,10 @@ def refit_with_reversals(data: Data, fitted: Fitted, *, fixed: Sequence[str] = (
 def refit_with_rebuilt_motion(
     data: Data, fitted: Fitted, iterations: int, substeps: int = SUBSTEPS, *, fixed: Sequence[str] = ()
 ) -> tuple[Data, Fitted]:
-    """Motion and noise rebuilt by a fitted model, and the model fitted to them; as they were where nothing comes of it.
-
-    Raises DataError where no sample counts.
-    """
+    """Motion and noise rebuilt by a fitted model, and the model fitted to them; as they were where nothing comes of it."""
     ahead = remade(data, fitted.model, OFFSET_M * fitted.offsets, substeps)
     left, before = (sum(np.count_nonzero(piece.keep) for piece in which.fitted) for which in (ahead, data))
-    if not before:
-        raise DataError(NOTHING_COUNTS)
-    if left < LEAST_LEFT * before:
+    if not before or left < LEAST_LEFT * before:
         return data, fitted  # by a model that is far off the motor rests nearly all the time
     begun = fitted
     for _ in range(ROUNDS if needs_observer(fitted.model) else 0):

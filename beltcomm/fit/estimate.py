@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from beltcomm.errors import DataError
 from beltcomm.fit.likelihood import OFFSET_M, Minimum, Problem, hopeless, time_blocks
 from beltcomm.fit.local_quadratic import LocalQuadratic
 from beltcomm.fit.observer import needs_observer
@@ -26,7 +25,6 @@ Array = NDArray[np.float64]
 APART_M, SIDEWAYS = 0.25 * OFFSET_M, 4
 #: Deviations beyond which a sample counts no more there.
 OUTLIER = 5.0
-NOTHING_COUNTS = "no sample of the records counts in this fit; record again, longer or at a shorter period"
 #: s; blocks with one weight: longer than the resonance rings, short enough to keep what is wrong apart from what is right.
 BLOCK_S = 0.2
 #: The same where one weight is to hold for a whole segment: longer than any, s.
@@ -76,10 +74,8 @@ class Fitted:
 
     @property
     def ratio(self) -> float:
-        """rms of the residual over rms of the noise, fitted records.   Raises DataError where no sample counts."""
-        if not len(self.residual):
-            raise DataError(NOTHING_COUNTS)
-        return float(np.sqrt(np.mean(self.residual**2)))
+        """rms of the residual over rms of the noise, fitted records; nan where no sample counts."""
+        return float(np.sqrt(np.mean(self.residual**2))) if len(self.residual) else np.nan
 
     @property
     def held_ratio(self) -> float | None:

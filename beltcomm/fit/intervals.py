@@ -22,7 +22,7 @@ from scipy.special import stdtrit
 
 from beltcomm.effects import other_load
 from beltcomm.errors import DataError
-from beltcomm.fit.estimate import NOTHING_COUNTS, Fitted
+from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.likelihood import Nuisance, Problem, time_blocks
 from beltcomm.fit.noise_information import noise_information
 from beltcomm.model import Model
@@ -183,7 +183,7 @@ def information_of(fitted: Fitted) -> Information:
     gradient = columns * left[:, None] - 0.5 * pulled[problem.blocks]
     records = records_of(problem)
     if not len(records):
-        raise DataError(NOTHING_COUNTS)
+        raise DataError("no sample of the records counts in this fit; record again, longer or at a shorter period")
     alike = of_block * np.array([not piece.own_noise for piece in problem.pieces])[problem.piece_of_block]
     turned = np.tensordot(alike, curvature, 1) + noise_information(problem, fitted.x, weights)
     turned = turned[free[:, None], free] / np.outer(norms, norms)

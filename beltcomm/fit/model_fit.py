@@ -90,7 +90,7 @@ class ModelFit:
     @property
     def suspect(self) -> bool:
         """True if so much is left unexplained that the numbers should not be trusted."""
-        return self.misfit > SUSPECT_MISFIT
+        return not self.misfit <= SUSPECT_MISFIT  # nan, too, where no sample counts
 
     @cached_property
     def _spread(self) -> ParameterSpread:
