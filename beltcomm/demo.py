@@ -6,14 +6,15 @@ Each step is the public function behind a command; the fault is drawn by the see
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
-from beltcomm import api, atomic
+from beltcomm import api
+from beltcomm.configfiles import to_yaml, write_text
 from beltcomm.effects import effect_named
 from beltcomm.errors import Refused
 from beltcomm.given import pasted
@@ -150,11 +151,15 @@ def demo(run: Path, *, seed: int, talk: Talk | None = None) -> Iterator[DemoStep
 
 
 def plant_of(run: Path, model: Model) -> Path:
-    """The machine with the fault, as a plant file beside its run: what is recorded or verified later is recorded on it, too."""
+    """The machine with the fault, as a plant file beside its run: what is recorded or verified later is recorded on it, too.
+
+    Raises UsageError where it cannot be written.   That of a run that is there already stays as it is.
+    """
     path = run.with_name(f"{run.name}.plant.yaml")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    text = yaml.safe_dump({**model.to_dict(), "drive": load_plant(PLANT).drive_section()}, sort_keys=False, allow_unicode=True)
-    atomic.write(path, text.encode())
+    if not (run / "run.yaml").exists():
+        with suppress(OSError):  # told by what is written there
+            path.parent.mkdir(parents=True, exist_ok=True)
+        write_text(path, to_yaml({**model.to_dict(), "drive": load_plant(PLANT).drive_section()}))
     return path
 
 

@@ -45,8 +45,8 @@ class BeltcommError(Exception):
     diagnosis: Mapping[str, object] | None = None
 
     @property
-    def halves(self) -> tuple[str, str]:
-        """What is wrong, and what to do next; "" where the message does not say."""
+    def fault_and_remedy(self) -> tuple[str, str]:
+        """Fault and remedy that the message names; no remedy, "", where it names none."""
         what, _, remedy = str(self).partition("; ")
         return what, remedy
 

@@ -87,7 +87,9 @@ def _mapping(objects: Objects, profile: Profile, modes: frozenset[int]) -> Itera
         except BusError:
             raise
         except DriveError as error:
-            wrong.append(Finding(AREA, f"setpoints, {kind}", states[kind], f"for motions of kind {kind}: {error.halves[0]}", FREE_MAPPING))
+            wrong.append(
+                Finding(AREA, f"setpoints, {kind}", states[kind], f"for motions of kind {kind}: {error.fault_and_remedy[0]}", FREE_MAPPING)
+            )
             continue
         mapped += [name_of(*entry[:2]) for entries in layout.received for entry in entries]
     try:
@@ -96,7 +98,7 @@ def _mapping(objects: Objects, profile: Profile, modes: frozenset[int]) -> Itera
     except BusError:
         raise
     except DriveError as error:
-        wrong.append(Finding(AREA, "answers", "wrong", error.halves[0], FREE_MAPPING))
+        wrong.append(Finding(AREA, "answers", "wrong", error.fault_and_remedy[0], FREE_MAPPING))
     else:
         offered = arrangements(profile.mapped_torque)
         sent = [entry for entries in offered[number] for entry in entries]

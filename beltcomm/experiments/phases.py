@@ -352,17 +352,20 @@ def untuned_envelope(machine: Machine) -> Envelope:
 
 def positioning_envelope(machine: Machine, path: Trajectory) -> Envelope:
     """The axis for positioning by such a loop, without half of what the path leaves free at its ends: what overshoots is to stop there."""
-    envelope = untuned_envelope(machine)
-    low, high = envelope.window_m
-    ends = float(np.min(path.position_m)), float(np.max(path.position_m))
-    return replace(envelope, window_m=(low + FREE_END * max(ends[0] - low, 0.0), high - FREE_END * max(high - ends[1], 0.0)))
+    return _without_ends(untuned_envelope(machine), (float(np.min(path.position_m)), float(np.max(path.position_m))), FREE_END)
 
 
 def stroke_envelope(machine: Machine) -> Envelope:
     """The axis for strokes by such a loop, without the last bit at its ends: what overshoots is to stop on the axis."""
     envelope = untuned_envelope(machine)
-    low, high = (whole + LAST_BIT * (turn - whole) for whole, turn in zip(envelope.window_m, stroke_ends(machine), strict=True))
-    return replace(envelope, window_m=(low, high)) if low < machine.position_m < high else envelope
+    kept = _without_ends(envelope, stroke_ends(machine), LAST_BIT)
+    return kept if kept.window_m[0] < machine.position_m < kept.window_m[1] else envelope
+
+
+def _without_ends(envelope: Envelope, ends_m: tuple[float, float], share: float) -> Envelope:
+    """An envelope without a share of what a motion leaves free at either end.   ends_m : of the motion, carriage side, m."""
+    (low, high), (first, last) = envelope.window_m, ends_m
+    return replace(envelope, window_m=(low + share * max(first - low, 0.0), high - share * max(high - last, 0.0)))
 
 
 def sidecar(machine: Machine, experiment: str, **more: Any) -> Sidecar:

@@ -62,7 +62,7 @@ def hidden_resonance(axis: Axis, capabilities: Capabilities) -> str:
 
 
 def doubts_before(axis: Axis, capabilities: Capabilities) -> tuple[str, ...]:
-    """What is in doubt before anything is measured: a resonance that nothing shows, the unit of torque."""
+    """Doubts before anything is measured, sentences: a resonance that nothing shows, the unit of torque."""
     scale = f"{capabilities.torque_scale}." if capabilities.torque_scale else ""
     return tuple(doubt for doubt in (hidden_resonance(axis, capabilities), scale) if doubt)
 

@@ -38,7 +38,7 @@ def _entries(axis: Axis) -> Iterator[Finding]:
     try:
         suitable(axis)
     except BeltcommError as error:
-        text, remedy = error.halves
+        text, remedy = error.fault_and_remedy
         yield Finding(AREA, "entries", "wrong", text, remedy)
 
 

@@ -95,7 +95,7 @@ def _examined(adapter: Adapter, address: str, options: dict[str, object]) -> Ite
     except UsageError:
         raise
     except DriveError as error:
-        text, remedy = error.halves
+        text, remedy = error.fault_and_remedy
         yield Finding("bus", "drive", "wrong", text, remedy, unreachable=True)
 
 

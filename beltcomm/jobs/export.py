@@ -219,7 +219,7 @@ def _torque_limit_nm(folder: RunFolder, structure: CascadeStructure, given: floa
 
 
 def _along(saved: Mapping[str, Any], where: str) -> list[str]:
-    """What the host sends along by the design, which no exported text holds; a sentence or none.   where : it is handed in."""
+    """Torque that the host sends along by the design, which no exported text holds: a sentence or none.   where : it is handed in."""
     effects = ", ".join(str(effect) for effect in saved.get("compensated") or ())
     told = f"torque against {effects} depends on place and speed and is not in this text: the host computes it and hands it in {where}"
     return [told] if effects else []

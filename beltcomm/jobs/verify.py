@@ -325,7 +325,7 @@ def set_by_hand(drive: Drive, folder: RunFolder) -> Iterator[None]:
         if drive.capabilities.gains != "unknown" or problem.reason not in ("lag", "resonance", "position"):
             raise
         raise SafetyStop(
-            f"{problem.halves[0]}; the axis was stopped. With the gains of the design it would not have been: type them "
+            f"{problem.fault_and_remedy[0]}; the axis was stopped. With the gains of the design it would not have been: type them "
             f"in with the maker's tool first (`beltcomm design {pasted(folder.path)} --details` lists them), and look at the unit of each",
             problem.reason,
         ) from problem

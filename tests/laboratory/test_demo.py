@@ -33,3 +33,19 @@ def test_a_fault_is_found_and_the_error_falls_to_the_noise(tmp_path: Path) -> No
     # What is verified later is verified on the machine that was diagnosed.
     assert last["hidden"] in load_plant(tmp_path / "R.plant.yaml").model.effects
     assert "R.plant.yaml" in CliRunner().invoke(cli, ["design", str(tmp_path / "R")]).output
+
+
+def test_the_machine_of_a_run_that_is_there_stays(tmp_path: Path) -> None:
+    run, machine = tmp_path / "R", tmp_path / "R.plant.yaml"
+    run.mkdir()
+    (run / "run.yaml").write_text("beltcomm: 0.2.0\n", encoding="utf-8")
+    machine.write_text("name: another\n", encoding="utf-8")
+    assert CliRunner().invoke(cli, ["demo", "--run", str(run)]).exit_code == 2
+    assert machine.read_text(encoding="utf-8") == "name: another\n"
+
+
+def test_a_place_where_no_machine_can_be_written_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    outcome = CliRunner().invoke(cli, ["demo", "--run", str(tmp_path / "file" / "R")])
+    assert outcome.exit_code == 2
+    assert "cannot be written" in outcome.stderr

@@ -75,7 +75,7 @@ def examine_can(
         if address.interface == "slcan" and isinstance(error.__cause__, Exception):
             yield not_opened(wire.AREA, address.channel, error.__cause__, group_of(address.channel))
             return
-        problem, remedy = error.halves
+        problem, remedy = error.fault_and_remedy
         yield wire.unreachable("interface", problem, remedy)
         return
     reached = True
@@ -142,11 +142,11 @@ def examine_bus(
         chosen = as_the_drive_is(objects, choose_profile(identity, profile))
         objects.locks.add(chosen.never_write)
     except BusError as error:
-        problem, remedy = error.halves
+        problem, remedy = error.fault_and_remedy
         yield wire.unreachable("interface", problem, remedy)
         return
     except DriveError as error:  # it answers, but not as CANopen demands
-        problem, remedy = error.halves
+        problem, remedy = error.fault_and_remedy
         yield Finding(node.AREA, "identity", "wrong", problem, remedy or "is node --node a CANopen drive, and nobody else on its number?")
         return
     patient = Patient(link, objects, identity, chosen, others, bitrate, rtr, bool(options.get("sync_test")), heard.nmt.get(number))

@@ -35,7 +35,7 @@ def opened(patient: Patient) -> Iterator[Finding]:
     except BusError:
         raise
     except DriveError as error:
-        text, remedy = error.halves
+        text, remedy = error.fault_and_remedy
         yield Finding(GAINS, "opening", "wrong", f"no command could open this drive: {text}", remedy)
         return
     yield gains_finding(found)

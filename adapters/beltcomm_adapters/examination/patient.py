@@ -90,5 +90,5 @@ def examine(patient: Patient, checks: Iterable[Check]) -> Iterator[Finding]:
             yield Finding(check.area, check.name, "wrong", f"the drive no longer answers: {error}", unreachable=True)
             return
         except DriveError as error:
-            text, remedy = error.halves
+            text, remedy = error.fault_and_remedy
             yield Finding(check.area, check.name, "wrong", text, remedy)
