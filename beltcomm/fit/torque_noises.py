@@ -30,8 +30,10 @@ from beltcomm.fit.segment import Segment
 Array = NDArray[np.float64]
 Complex = np.ndarray[Any, np.dtype[np.complex128]]
 
-#: Samples of a part of r whose periodogram is taken: long beside any correlation; deviations beyond which a value of r says no more.
-PART, OUTLIER = 2048, 5.0
+#: Samples of a part of r whose periodogram is taken, long beside any correlation: the most of which records hold enough parts.
+PARTS, ENOUGH_PARTS = (2048, 1024, 512, 256, 128), 4.0
+#: Deviations beyond which a value of r says no more.
+OUTLIER = 5.0
 #: Largest pole, pole to begin with of one colour and of a second beside it, and share that is taken for the sensor's at first.
 LARGEST, FIRST_POLE, SECOND_POLE, HALF = 0.995, 0.88, 0.62, 0.5
 #: Iterations, step of a difference, largest step of an unknown at a time, and fall of O that is not worth another, nats.
@@ -115,21 +117,18 @@ class NoisesProblem:
         self.parts, self.scale_nm = parts, scale_nm
         rests = [np.clip(part.rest, -OUTLIER * scale_nm, OUTLIER * scale_nm) for part in parts]
         self._transformed = [(np.fft.rfft(rest), delay(len(rest)), response(answer, len(rest)), len(rest)) for rest in rests]
-        window = np.hanning(PART + 2)[1:-1]
-        window /= math.sqrt(float(np.mean(window**2)))
-        power = [
-            np.abs(np.fft.rfft(window * rest[first : first + PART])) ** 2 / PART
-            for rest in rests
-            for first in range(0, len(rest) - PART + 1, PART // 2)
-        ]
-        self._number = 0.5 * len(power)  # two windows that overlap by half tell as much as one
+        for part in PARTS:
+            power = _periodograms(rests, part)
+            self._number = 0.5 * len(power)  # two windows that overlap by half tell as much as one
+            if self._number >= ENOUGH_PARTS:
+                break
         self._power = np.mean(power, axis=0)[1:-1] if power else np.zeros(0)
-        self._z, self._read = delay(PART)[1:-1], response(answer, PART)[1:-1]
+        self._part, self._z, self._read = part, delay(part)[1:-1], response(answer, part)[1:-1]
 
     @property
     def enough(self) -> bool:
         """True if r is long enough to have a spectrum."""
-        return self._number >= 1.0
+        return self._number >= ENOUGH_PARTS
 
     def _read_power(self, noises: TorqueNoises) -> Array:
         """S_r of the module."""
@@ -207,7 +206,7 @@ class NoisesProblem:
 
     def priced(self, one: NoisesFit) -> float:
         """O with ln n and :data:`CLEAR` for every colour, nats."""
-        number = sum(len(part.left) for part in self.parts) + PART * self._number
+        number = sum(len(part.left) for part in self.parts) + self._part * self._number
         return one.cost + (math.log(number) + CLEAR) * sum(pole > 0.0 for pole in one.noises[2:])
 
 
@@ -224,6 +223,14 @@ def delay(number: int) -> Complex:
 def response(answer: Array, number: int) -> Complex:
     """Of an answer to a unit sample, at the frequencies of a transform of so many samples."""
     return np.asarray(np.fft.rfft(answer[:number], number))
+
+
+def _periodograms(rests: Sequence[Array], part: int) -> list[Array]:
+    """Power of parts of so many samples that overlap by half, each (part/2 + 1,)."""
+    window = np.hanning(part + 2)[1:-1]
+    window /= math.sqrt(float(np.mean(window**2)))
+    begins = [(rest, first) for rest in rests for first in range(0, len(rest) - part + 1, part // 2)]
+    return [np.abs(np.fft.rfft(window * rest[first : first + part])) ** 2 / part for rest, first in begins]
 
 
 def unknowns(noises: TorqueNoises, coloured: tuple[bool, bool]) -> Array:
