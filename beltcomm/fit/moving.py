@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from beltcomm.simulate.inverse import FineMotion
 
@@ -16,6 +16,8 @@ CREEP_S, CREEP_STEPS = 0.05, 3.0
 PARTS, LEAST_STEPS, LEAST_SHARE = 4, 0.5, 0.25
 #: Steps of the encoder by which it may be off an even motion there, for its speed to be taken as even.
 EVEN_STEPS = 1.1
+#: Share of the speed of a creeping motor by which its setpoint may change that from sample to sample: more shakes it to and fro.
+SHAKEN = 0.4
 #: Samples around one in which an angle may go so many times the way that is counted and a step.
 AROUND, MOST_WAY = 17, 1.5
 #: m the carriage must have travelled before a segment counts: until then its belt stretch at the start is unknown.
@@ -60,6 +62,28 @@ def creeping_samples(position: Array, sample_s: float, step_rad: float) -> tuple
         even[begins[_deviation(path, begins, 2 * w) <= EVEN_STEPS * step_rad] + w] = True
     found[[0, -1]] = even[[0, -1]] = False
     return found, even
+
+
+def shaken_samples(position: Array, setpoint: Array, inertia: float, sample_s: float) -> NDArray[np.bool_]:
+    """Samples around which a torque setpoint jumps by as much as stops or turns a creeping motor within a count, (n,).
+
+    Then friction never builds up against its way: it gets on under less torque than the level of the friction.
+
+    Parameters
+    ----------
+    position : ndarray (n,)
+        rad at the motor.
+    setpoint : ndarray (n,)
+        N m at the motor.
+    inertia : float
+        That follows it at once, kg m² at the motor.
+    sample_s : float
+        s.
+    """
+    width = 2 * max(2, round(CREEP_S / sample_s)) + 1
+    jump = maximum_filter1d(np.abs(np.diff(setpoint, prepend=setpoint[:1])), width, mode="nearest") * sample_s / inertia
+    speed = np.abs(np.gradient(uniform_filter1d(position, width, mode="nearest"), sample_s))
+    return np.asarray(jump > SHAKEN * speed)
 
 
 def _goes_back(path: Array, span: int, step: float) -> NDArray[np.bool_]:

@@ -20,7 +20,14 @@ from scipy.optimize import minimize_scalar
 
 from beltcomm.compiled import compiled
 from beltcomm.fit.decimation import decimate, decimate_torque, decimated_noise, decimation, smallest_step
-from beltcomm.fit.moving import creep_motion, creeping_samples, resting_samples, run_in_samples, samples_between_counts
+from beltcomm.fit.moving import (
+    creep_motion,
+    creeping_samples,
+    resting_samples,
+    run_in_samples,
+    samples_between_counts,
+    shaken_samples,
+)
 from beltcomm.fit.noise_colour import WHITE_NOISE, NoiseColour
 from beltcomm.fit.noise_path import NoiseSchedule, way
 from beltcomm.fit.observer import Observation, Observer, innovations, needs_observer, tuned_observers, untuned_observer
@@ -315,6 +322,9 @@ def segments(
             # Nothing rings behind the motor: what creeps on counts as well, and friction that turns within a step of the encoder is noise.
             if smooth is None:
                 creeps, even = creeping_samples(position, sample, step_rad)
+                if setpoint is not None:
+                    known = ~shaken_samples(position, setpoint[::every][: len(position)], inertia, sample)
+                    creeps, even = creeps & known, even & known
                 creep = creep_motion(motion, position, even)
                 motion = replace(motion, bristle_m=max(motion.bristle_m, ratio * step_rad), creep=creep)
                 keep |= even | (creeps & ~resting_samples(motion, 0.0))
