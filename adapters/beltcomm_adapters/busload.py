@@ -77,7 +77,10 @@ def plan_exchange(bitrate: int | None, frames: tuple[int, ...], shortest_s: floa
         if not (math.isfinite(wanted_s) and wanted_s > 0.0):
             raise UsageError(f"a sample period of {wanted_s:g} s cannot be; give a positive time")
         if wanted_s < shortest_s - _SAME_S:
-            raise UsageError(f"a sample period of {1e3 * wanted_s:g} ms is asked for, this drive has none below {1e3 * shortest_s:g} ms")
+            raise UsageError(
+                f"a sample period of {1e3 * wanted_s:g} ms is asked for, this drive has none below {1e3 * shortest_s:g} ms; "
+                f"give --sample-period {1e3 * shortest_s:g}ms or more, or leave it out"
+            )
     least = max(shortest_s, wanted_s or 0.0)
     busy_s = life = 0.0
     if bitrate is not None:

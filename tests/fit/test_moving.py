@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltcomm.fit.moving import CREEP_S, creeping_samples, samples_between_counts
+from beltcomm.fit.moving import CREEP_S, creeping_samples, samples_between_counts, shaken_samples
 
 PERIOD_S, STEP_RAD = 1e-3, 2e-3
 TIME_S = np.arange(0.0, 2.0, PERIOD_S)
@@ -50,3 +50,11 @@ def test_an_angle_that_swings_between_its_counts_tells_no_friction() -> None:
     assert not samples_between_counts(slow, counted(slow), STEP_RAD).any()
     lively = slow + 20.0 * STEP_RAD * np.sin(2.0 * np.pi * 50.0 * TIME_S)
     assert not samples_between_counts(lively, counted(lively), STEP_RAD).any()
+
+
+def test_a_setpoint_that_jumps_at_every_count_shakes_a_creeping_motor() -> None:
+    """Its speed of 0.2 rad/s is stopped by a jump of 0.1 N m over a sample; the same motor at 2 rad/s hardly feels it."""
+    inertia, setpoint = 5e-4, np.where(np.arange(len(TIME_S)) % 10 == 0, 0.1, 0.0)
+    assert shaken_samples(counted(0.2 * TIME_S), setpoint, inertia, PERIOD_S)[INSIDE].all()
+    assert not shaken_samples(counted(2.0 * TIME_S), setpoint, inertia, PERIOD_S)[INSIDE].any()
+    assert not shaken_samples(counted(0.2 * TIME_S), np.full(len(TIME_S), 0.1), inertia, PERIOD_S).any()

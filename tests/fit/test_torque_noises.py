@@ -65,8 +65,10 @@ def test_process_torque_with_a_colour_is_told_beside_white_noise_of_the_sensor(p
     assert found.process.time_interval < 0.4 * found.process.time_s
 
 
-def test_a_colour_of_the_sensor_is_not_taken_for_process_torque() -> None:
-    found = split_of(record(coloured(6, 5e-3, 0.0), coloured(3, 8e-3, POLE)))
+@pytest.mark.parametrize("periods", [1, 4])
+def test_a_colour_of_the_sensor_is_not_taken_for_process_torque(periods: int) -> None:
+    """One period is no 3000 samples long, as records at 100 Hz are."""
+    found = split_of(record(coloured(6, 5e-3, 0.0), coloured(3, 8e-3, POLE), periods=periods))
     assert found.colour == pytest.approx(POLE, abs=0.02)
     assert found.sensor_nm == pytest.approx(8e-3, rel=0.1)
     assert found.process is not None
