@@ -12,6 +12,7 @@ not one of :data:`EXACT`, and to all of them together what the sampling of the m
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
@@ -22,9 +23,10 @@ from scipy.special import stdtrit
 
 from beltcomm.effects import other_load
 from beltcomm.errors import DataError
-from beltcomm.fit.estimate import Fitted
+from beltcomm.fit.estimate import INERTIA, Fitted
 from beltcomm.fit.likelihood import Nuisance, Problem, time_blocks
 from beltcomm.fit.noise_information import noise_information
+from beltcomm.fit.records import rounding_torque
 from beltcomm.model import Model
 
 Array = NDArray[np.float64]
@@ -39,6 +41,9 @@ LAW = 0.005
 #: How far the scale of all torques, inertias and stiffnesses together, and friction beside it, which turns round between two samples, may
 #: be off by what rounding and the instants of the samples leave.  On 60 simulated axes the fine ones were off by up to 0.07 and 0.15 %.
 SCALE, FRICTION = 0.0007, 0.001
+#: The same of the motor's inertia, where all of the noise is the rounding of a coarse encoder, and of the scale where the torque that acts
+#: is worked out from filters of drive and reading.  On 54 simulated axes with drawn instruments inertias were off by 0.1 to 0.3 and 0.2 %.
+ROUNDED, FILTERED = 0.002, 0.001
 #: Information in a direction, as a share of the largest, columns of length 1, below which it is rounding.
 NOTHING = 1e-14
 #: Share of the information that rounding, which is no white noise where the motor hardly moves, leaves in any direction.
@@ -221,13 +226,25 @@ def parameter_spread(fitted: Fitted) -> ParameterSpread:
     loose = tuple(f"{effect}." for effect in model.effects if effect not in EXACT)
     values = np.array([model[name] for name in names])
     own = [LAW if name.startswith(loose) else FRICTION if name == "coulomb.level" else 0.0 for name in names]
-    systematic = np.vstack((np.diag(own * np.abs(values)), SCALE * np.array([name.startswith(SCALED) for name in names]) * values))
+    scale_off = SCALE if fitted.problem.nuisance is None else math.hypot(SCALE, FILTERED)
+    scaled, inertia = (np.array([name.startswith(which) for name in names]) for which in (SCALED, INERTIA))
+    common = np.vstack((scale_off * scaled, ROUNDED * rounded_share(fitted) * inertia)) * values
+    systematic = np.vstack((np.diag(own * np.abs(values)), common))
     if not loose and fitted.ratio < UNEXPLAINED:  # nothing that pulls long segments one way: chance is told by time alone
         moved, shares = moved[:0], shares[:0]
     units, sits = np.outer(scale, scale), at_bound(fitted)
     bound = frozenset(name for name, sat in zip(fitted.problem.free, sits, strict=True) if sat)
     left = fitted.ratio if fitted.ratio >= UNEXPLAINED else 1.0
     return ParameterSpread(names, told.covariance * units, told.freedom, moved * scale, shares * units, systematic, bound, left)
+
+
+def rounded_share(fitted: Fitted) -> float:
+    """Share of the noise's power, as torque of acceleration, that is rounding of the angle; the median of the segments."""
+    inertia, shares = fitted.model.driven_inertia(), []
+    for piece in fitted.problem.pieces:
+        rounding = rounding_torque(inertia, piece.step_rad, piece.motion.sample_s) ** 2
+        shares.append(rounding / (rounding + piece.noise_nm**2))
+    return float(np.median(shares))
 
 
 def unbounded_estimates(fitted: Fitted) -> dict[str, tuple[float, float]]:

@@ -18,6 +18,8 @@ PARTS, LEAST_STEPS, LEAST_SHARE = 4, 0.5, 0.25
 EVEN_STEPS = 1.1
 #: Share of the speed of a creeping motor by which its setpoint may change that from sample to sample: more shakes it to and fro.
 SHAKEN = 0.4
+#: Share of the samples of a creeping motor that must count for any of them to count.
+DENSE = 0.8
 #: Samples around one in which an angle may go so many times the way that is counted and a step.
 AROUND, MOST_WAY = 17, 1.5
 #: m the carriage must have travelled before a segment counts: until then its belt stretch at the start is unknown.
@@ -84,6 +86,28 @@ def shaken_samples(position: Array, setpoint: Array, inertia: float, sample_s: f
     jump = maximum_filter1d(np.abs(np.diff(setpoint, prepend=setpoint[:1])), width, mode="nearest") * sample_s / inertia
     speed = np.abs(np.gradient(uniform_filter1d(position, width, mode="nearest"), sample_s))
     return np.asarray(jump > SHAKEN * speed)
+
+
+def sparse_creep(position: Array, keep: NDArray[np.bool_], sample_s: float, step_rad: float) -> NDArray[np.bool_]:
+    """Samples of a motor that creeps in one direction, of which but a part counts, (n,).
+
+    Which of them count there the steps of the encoder say, and a controller that answers to each of these makes their torque another one
+    than that of the rest.
+
+    Parameters
+    ----------
+    position : ndarray (n,)
+        rad at the motor.
+    keep : ndarray (n,) of bool
+        Those that count.
+    sample_s : float
+        s.
+    step_rad : float
+        Of the encoder, rad.
+    """
+    creeps, _ = creeping_samples(position, sample_s, step_rad)
+    width = 2 * max(2, round(CREEP_S / sample_s)) + 1
+    return np.asarray(creeps & (uniform_filter1d(keep.astype(np.float64), width, mode="nearest") < DENSE))
 
 
 def _goes_back(path: Array, span: int, step: float) -> NDArray[np.bool_]:

@@ -27,6 +27,7 @@ from beltcomm.fit.moving import (
     run_in_samples,
     samples_between_counts,
     shaken_samples,
+    sparse_creep,
 )
 from beltcomm.fit.noise_colour import WHITE_NOISE, NoiseColour
 from beltcomm.fit.noise_path import NoiseSchedule, way
@@ -316,6 +317,8 @@ def segments(
         else:
             sure = 0.0 if "cart" in model.base_bodies else SURE_STEPS * step_rad / sample
             keep = ~resting_samples(motion, max(stick_speed, sure))
+        if fitted and smooth is None and step_rad / sample > stick_speed:
+            keep &= ~sparse_creep(position, keep, sample, step_rad)
         if "cart" in model.base_bodies:
             keep &= run_in_samples(motion, ratio)
         else:

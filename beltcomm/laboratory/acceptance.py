@@ -48,6 +48,8 @@ STIFFNESS = "belt_stiffness.stiffness"
 #: Delays in a row: what they do to a phase adds up, at low frequency only as their sum; and share of the smaller one of two opposite ones
 #: below which their sum is nothing.
 DELAYS, CANCELLED = ("dead_time", "current_lag", "measurement_lag"), 0.5
+#: Share of the squares below which such a delay is what a torque path with filters leaves, whose shapes are few.
+PATH_LEFT = 0.02
 #: Step by which the torque is raised to see how far the path passes it on, as a share of its largest value.
 STEP = 1e-4
 
@@ -148,6 +150,12 @@ def only_cancels(model: Model, effect: Effect) -> bool:
     own = model.get(f"{effect.name}.time") if effect.name in DELAYS else 0.0
     others = sum(model.get(f"{name}.time") for name in DELAYS if name != effect.name)
     return own * others < 0.0 and abs(own + others) < CANCELLED * min(abs(own), abs(others))
+
+
+def is_left_by_path(data: Data, before: Fitted, after: Fitted, effect: Effect) -> bool:
+    """True if an effect is a delay no larger than what a fitted torque path leaves, where the reading is not the torque that acts."""
+    told = effect.name in DELAYS and not data.path.read_as_acts
+    return told and before.ratio**2 - after.ratio**2 < PATH_LEFT * before.ratio**2
 
 
 def is_negligible(model: Model, effect: Effect) -> bool:

@@ -30,6 +30,7 @@ from beltcomm.laboratory.acceptance import (
     exceeds_bounds,
     explained_share,
     impossible,
+    is_left_by_path,
     is_negligible,
     is_refuted,
     lowers,
@@ -311,7 +312,7 @@ def candidate(data: Data, base: Fitted, effect: Effect, promised: float, best: F
     held_gain = base.held_objective - best.held_objective
     hollow = bool(impossible(best.model)) or any(bad(best.model, effect) for bad in (exceeds_bounds, is_negligible, only_cancels))
     grows = share_left(base, best) >= 1.0
-    accepted = enough(evidence, explained, drop, held_gain, base) and not (hollow or grows)
+    accepted = enough(evidence, explained, drop, held_gain, base) and not (hollow or grows or is_left_by_path(data, base, best, effect))
     if accepted and (means := drop_in_means(data, base, best)) < drop:
         evidence = means - bic_penalty(effect, base, starts)
         accepted = evidence > EVIDENCE

@@ -14,7 +14,7 @@ from scipy.special import stdtrit
 
 from beltcomm.fit.arrowhead import ArrowheadJacobian
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.intervals import FRICTION, LAW, ParameterSpread, parameter_spread
+from beltcomm.fit.intervals import FRICTION, LAW, ParameterSpread, parameter_spread, rounded_share
 from beltcomm.fit.intervals import SCALE as SCALE_SHARE
 
 Array = NDArray[np.float64]
@@ -28,6 +28,9 @@ class Named(dict[str, float]):
 
     effects: tuple[str, ...] = ()
 
+    def driven_inertia(self) -> float:
+        return 1.0
+
 
 @dataclass
 class Line:
@@ -39,6 +42,7 @@ class Line:
     records: int
     effects: tuple[str, ...] = ()
     rounding: float = 0.0
+    step_rad: float = 0.0
 
     def spread(self, at_bound: bool = False) -> ParameterSpread:
         """rounding : variance of what the first column is off by, which the fit has taken off the squares."""
@@ -49,6 +53,8 @@ class Line:
                 value_samples=np.arange(size),
                 motion=SimpleNamespace(sample_s=SAMPLE_S, samples=size),
                 own_noise=False,
+                step_rad=self.step_rad,
+                noise_nm=1.0,
             )
             for i in range(self.records)
         ]
@@ -203,7 +209,15 @@ def test_what_sampling_leaves_of_scale_and_friction_is_in_every_interval() -> No
     assert spread.half_width({"cart.mass": 1.0 / 4.0, "belt_stiffness.stiffness": -1.0 / 2e5}) == pytest.approx(0.0, abs=1e-12)
     here = line(np.random.default_rng(4), 0.0, 1)
     both = [dataclasses.replace(here, effects=(name,)).spread().systematic for name in ("line", "coulomb")]
-    assert [part[:-1].any() for part in both] == [True, False], "a law that is the machine's own leaves nothing open"
+    assert [part[:-2].any() for part in both] == [True, False], "a law that is the machine's own leaves nothing open"
+
+
+@pytest.mark.parametrize(("step_rad", "share"), [(0.0, 0.0), (SAMPLE_S**2, 1.0 / 3.0), (1.0, 1.0)])
+def test_a_coarse_encoder_leaves_its_rounding_in_the_inertia(step_rad: float, share: float) -> None:
+    """Of an inertia of 1 kg m², a noise of 1 N m and a step of T² rad rounding has half of the power of the noise."""
+    pieces = [SimpleNamespace(step_rad=step_rad, motion=SimpleNamespace(sample_s=SAMPLE_S), noise_nm=1.0)]
+    fitted = cast("Fitted", SimpleNamespace(model=Named(), problem=SimpleNamespace(pieces=pieces)))
+    assert rounded_share(fitted) == pytest.approx(share, rel=1e-3)
 
 
 @pytest.mark.parametrize(("loudness", "factor"), [(1.0, 1.0), (1.5, 1.5)])
