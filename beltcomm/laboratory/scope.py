@@ -29,6 +29,8 @@ SLOTS = {effect.name: effect.slot for effect in EFFECTS}
 #: Slots of effects that a drive has as well, between setpoint, torque and reading; error over the noise up to which it may be all of it.
 DRIVE_SLOTS, FAR_OFF_BASE = ("torque_delay", "torque_reading"), 10.0
 OF_DRIVE = frozenset(name for name, slot in SLOTS.items() if slot in DRIVE_SLOTS)
+#: Time constant of a current loop over the sampling period of which no more than e⁻⁴ is left when the torque is read at the period's end.
+SETTLED = 0.25
 #: Share of the sampling rate up to which a resonance is sampled well enough.
 SWING_SAMPLED = 0.2
 #: Error over the noise up to which the noise of strokes alone explains it: simulated healthy machines read 0.93 to 1.17 there.
@@ -51,6 +53,8 @@ def restrict_to_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tupl
     sentence = unknown_delivery(found, recordings)
     if sentence and found.verdict != "nothing missing":
         return without_names(found, OF_DRIVE), [sentence]
+    if sentence := settled_loop(found):
+        return replace(found, verdict="cannot tell"), [sentence]
     unnamed = not_named(found.base.model, recordings)
     if not unnamed:
         return found, []
@@ -130,6 +134,19 @@ def unknown_delivery(found: Diagnosis, recordings: Sequence[Recording]) -> str:
     return (
         f"Without the torque setpoint {error} cannot be told from a delay or a filter in the drive or in its torque reading{hint}. Record "
         "torque_setpoint_nm too and ask again."
+    )
+
+
+def settled_loop(found: Diagnosis) -> str:
+    """That a lag may be the drive's own current loop, whose torque is read when it has settled, in words; "" where it is none."""
+    path, time_s = found.data.path, found.final_fit.model.get("current_lag.time")
+    shaped = path.drive is None or bool(path.drive.lags) or not path.read_as_acts
+    if found.added_effects != ["current_lag"] or shaped or abs(time_s) > SETTLED * found.data.recordings[0].sample_period_s:
+        return ""
+    return (
+        f"A lag of {1e3 * time_s:.2g} ms explains it, and a current loop as fast as that has settled when the drive reads its torque: "
+        "whether it is the drive's, or lies behind it, these records do not tell. The design counts it either way; a record at a shorter "
+        "sample period would tell."
     )
 
 

@@ -15,6 +15,7 @@ from beltcomm.cli.talk import PlainTalk
 from beltcomm.effects import effect_named
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.records import Data
+from beltcomm.fit.torque_path import DriveLaw, Lag, TorquePath
 from beltcomm.jobs import effect_search, laboratory
 from beltcomm.laboratory import acceptance, backward_elimination, diagnosis
 from beltcomm.laboratory.acceptance import is_negligible, only_cancels, share_left
@@ -22,7 +23,7 @@ from beltcomm.laboratory.diagnosis import Diagnosis, Stage, verdict_of
 from beltcomm.laboratory.forward_selection import Candidate
 from beltcomm.laboratory.plausibility import KNOWN, implausible_effects, parameters_at_bounds, undetermined_effects
 from beltcomm.laboratory.residual_structure import excess, partitions
-from beltcomm.laboratory.scope import OF_DRIVE, unknown_delivery, without_names
+from beltcomm.laboratory.scope import OF_DRIVE, settled_loop, unknown_delivery, without_names
 from beltcomm.laboratory.score import Scorer
 from beltcomm.model import build_model
 from beltcomm.recording import Recording
@@ -44,6 +45,15 @@ BASE = build_model("axis", ("belt_stiffness", "belt_damping", "viscous", "viscou
 )
 def test_a_parameter_that_ran_into_its_bound_is_named(effect: str, values: dict[str, float], wanted: list[str]) -> None:
     assert parameters_at_bounds(BASE.with_effect(effect, values), BASE) == wanted
+
+
+@pytest.mark.parametrize(("period_s", "lags", "told"), [(2e-3, (), True), (5e-4, (), False), (2e-3, (Lag("first order", (1e-3,)),), False)])
+def test_a_lag_as_short_as_a_settled_current_loop_s_may_be_the_drive_s(period_s: float, lags: tuple[Lag, ...], told: bool) -> None:
+    """0.2 ms, read at the end of 2 ms: nothing of it is left in the reading."""
+    base, lagging = (cast(Fitted, SimpleNamespace(model=m, ratio=2.0)) for m in (BASE, BASE.with_effect("current_lag", {"time": 2e-4})))
+    data = cast(Data, SimpleNamespace(path=TorquePath(DriveLaw(1.0, lags)), recordings=[SimpleNamespace(sample_period_s=period_s)]))
+    found = Diagnosis(base, data, (Stage(base, (), "current_lag", (), lagging),), "explained", (), cast(Scorer, None), data)
+    assert ("0.2 ms" in settled_loop(found)) == told
 
 
 def test_without_a_setpoint_no_effect_that_a_drive_has_is_named_behind_another_name() -> None:
