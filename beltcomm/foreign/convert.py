@@ -14,7 +14,8 @@ from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.mapping import Source, kept_columns, sources_for
 from beltcomm.foreign.rasters import on_one_raster, resampled
 from beltcomm.foreign.table import Decimal, Separator, Table
-from beltcomm.foreign.timestamps import checked_time, rough_stamps, seconds_of
+from beltcomm.foreign.textformat import MISSING
+from beltcomm.foreign.timestamps import checked_time, joined_counter, rough_stamps, seconds_of
 from beltcomm.quantities import in_other_unit, parse_quantity, unit_of
 from beltcomm.recording.columns import CHANNELS, COMMON, KNOWN_COLUMNS
 
@@ -255,7 +256,12 @@ def _scaled(table: Table, source: Source, notes: list[str]) -> Column:
         notes += said
         return seconds
     if values.dtype.kind not in "fiu":
-        raise DataError(f"{table.file}: {source.theirs} holds text such as {str(values[0])[:30]!r}; map a column of numbers")
+        words = next((str(value) for value in values if str(value).strip().lower() not in MISSING), "")
+        what = f"text such as {words[:30]!r}; map a column of numbers" if words else "no value; map another column"
+        raise DataError(f"{table.file}: {source.theirs} holds {what}")
+    if source.column == "t_s":
+        values, joined = joined_counter(values)
+        notes += [joined] * bool(joined)
     if source.scale == 1.0 and source.offset == 0.0:
         return values
     with np.errstate(all="ignore"):  # what is no number is found with the missing values

@@ -18,7 +18,8 @@ from beltcomm.foreign.framelines import kind_of_log
 from beltcomm.foreign.framelog import read_frames
 from beltcomm.foreign.kinds import kind_of_table
 from beltcomm.foreign.table import Decimal, Separator, Table
-from beltcomm.foreign.textfile import read_text_table
+from beltcomm.foreign.textfile import EVERY, read_text_table
+from beltcomm.foreign.textfile import Part as Rows
 from beltcomm.outside import opened, sha256_of
 from beltcomm.recording.sidecar import ExcitationNote
 
@@ -81,7 +82,12 @@ def _parts_of(path: Path, reading: Reading, axis: Axis) -> list[Part]:
                 name = option.removesuffix("s")
                 raise UsageError(f"--{name} is for logs of CAN frames, and {path} is none that is known: candump, .asc, .blf, .trc")
         table = read_table(
-            path, separator=reading.separator, decimal=reading.decimal, skip_lines=reading.skip_lines, torn_rows=reading.drop_incomplete
+            path,
+            separator=reading.separator,
+            decimal=reading.decimal,
+            skip_lines=reading.skip_lines,
+            torn_rows=reading.drop_incomplete,
+            rows=Rows(reading.first_row or 1, reading.last_row or EVERY.last),
         )
         if reading.edges is not None:  # a place for it: its values come with the times of the rows
             rows = max((len(column) for column in table.columns.values()), default=0)
@@ -120,7 +126,13 @@ def _check_there(path: Path) -> None:
 
 
 def read_table(
-    path: Path, *, separator: Separator | None = None, decimal: Decimal | None = None, skip_lines: int = 0, torn_rows: bool = False
+    path: Path,
+    *,
+    separator: Separator | None = None,
+    decimal: Decimal | None = None,
+    skip_lines: int = 0,
+    torn_rows: bool = False,
+    rows: Rows = EVERY,
 ) -> Table:
     """All columns of a file, whose kind is told by its content: text (also .gz), MATLAB, HDF5, MDF, TDMS, MCAP, JSON, NumPy.
 
@@ -132,6 +144,8 @@ def read_table(
         Leave out so many at its beginning.
     torn_rows : bool
         Leave out rows in the middle of a text file that have another number of values.
+    rows : Rows
+        Of a text file those that are wanted: elsewhere torn ones do not matter.
 
     Raises
     ------
@@ -143,7 +157,7 @@ def read_table(
     _check_there(path)
     kind = kind_of_table(path)
     if kind == "text":
-        return read_text_table(path, separator, decimal, skip_lines, torn_rows)
+        return read_text_table(path, separator, decimal, skip_lines, torn_rows, rows)
     if kind in _EXTRAS and importlib.util.find_spec(_EXTRAS[kind][0]) is None:
         extra = _EXTRAS[kind][1]
         raise UsageError(

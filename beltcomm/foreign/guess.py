@@ -9,26 +9,22 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError, Refused, UsageError
+from beltcomm.foreign.choices import Confidence, by_unit, quoted, spelled, without_unit
 from beltcomm.foreign.mapping import Source, parse_source, sources_for
 from beltcomm.foreign.names import Meaning, meaning_of
 from beltcomm.foreign.relations import relations
 from beltcomm.foreign.table import Table
-from beltcomm.quantities import UNITS
 from beltcomm.recording.columns import CHANNELS, KNOWN_COLUMNS, Side
 
-Confidence = Literal["sure", "likely", "unsure"]
 #: s between rows that a drive or logger has: what a time column without a unit is held against.
 _SHORTEST_STEP_S, _LONGEST_STEP_S = 2e-5, 0.05
 #: Letters of a cell that are shown.
 SHOWN = 20
-#: A torque column without a unit is N m when its largest value lies between these shares of the motor's peak torque.
-_SMALLEST_SHARE, _LARGEST_SHARE = 0.01, 1.1
 
 
 @dataclass(frozen=True)
@@ -133,8 +129,8 @@ def _refuse_mixed(sources: Mapping[str, Source]) -> None:
     turned, theirs = ("position_rad", "mm") if linear == "position_m" else ("velocity_rad_s", "mm/s"), sources[linear].theirs
     raise UsageError(
         f"{at_motor} is meant at the motor, {linear} along the axis: say how far the axis goes per turn, --map "
-        f"{turned[0]}={_quoted(theirs)}*{turned[1]}*rev/10mm (10 mm: its lead or feed constant); where nobody knows it, take the current "
-        f"for the force, --map force_n={_quoted(sources[at_motor].theirs)}: then everything is identified in its unit"
+        f"{turned[0]}={quoted(theirs)}*{turned[1]}*rev/10mm (10 mm: its lead or feed constant); where nobody knows it, take the current "
+        f"for the force, --map force_n={quoted(sources[at_motor].theirs)}: then everything is identified in its unit"
     )
 
 
@@ -147,7 +143,7 @@ def _twins_of_ours(table: Table, sources: Mapping[str, Source]) -> list[Guess]:
         twins = [name for name in table.columns if name != column and _INDEX.sub("", Table.bare(name)).lower() == column]
         if twins:
             why = f"{', '.join(_with_place(table, name) for name in (column, *twins[:3]))} could be meant"
-            found.append(Guess(column, tuple(f"{column}={_quoted(name)}" for name in (column, *twins)), "likely", why))
+            found.append(Guess(column, tuple(f"{column}={quoted(name)}" for name in (column, *twins)), "likely", why))
     return found
 
 
@@ -187,7 +183,7 @@ def guesses_for(table: Table, sources: Mapping[str, Source], axis: Axis, *, time
         if column not in sources and guess.confidence == "sure":
             found.append(replace(guess, needed=False))
     found += [replace(g, needed=False) for g in _second_sensors(meanings, sources, taken)]
-    return _by_numbers(table, _from_speed_alone(found, channels), sources, channels)
+    return _by_numbers(table, _from_speed_alone(found, channels), sources, channels, axis)
 
 
 def _or_commanded(
@@ -203,7 +199,7 @@ def _or_commanded(
     return replace(commanded, confidence="likely" if commanded.confidence == "sure" else commanded.confidence, why=why)
 
 
-def _by_numbers(table: Table, found: list[Guess], sources: Mapping[str, Source], channels: Mapping[str, str]) -> list[Guess]:
+def _by_numbers(table: Table, found: list[Guess], sources: Mapping[str, Source], channels: Mapping[str, str], axis: Axis) -> list[Guess]:
     """With what the numbers themselves say, where names say nothing."""
     if all(guess.choices or not guess.needed for guess in found):
         return found
@@ -216,8 +212,11 @@ def _by_numbers(table: Table, found: list[Guess], sources: Mapping[str, Source],
         if guess.choices or not guess.needed or not names:
             made.append(guess)
             continue
-        units = _units_of_time(_step(table, names[0])) if guess.column == "t_s" else ("1",)
-        choices = tuple(_written(_driving(guess.column, name), name, unit) for name in names for unit in units)
+        if guess.column == "position_rad" and not table.unit(names[0]):
+            choices = without_unit(table, guess.column, Meaning(names[0], "position", "none", False), axis, "rad")[0]
+        else:
+            units = _units_of_time(_step(table, names[0])) if guess.column == "t_s" else ("1",)
+            choices = tuple(spelled(_driving(guess.column, name), name, unit) for name in names for unit in units)
         made.append(replace(guess, choices=choices, why=f"by its numbers: {'; '.join(filter(None, map(seen.why, names)))}"))
     return made
 
@@ -228,7 +227,11 @@ def _driving(column: str, name: str) -> str:
 
 
 def _units_of_time(step: float) -> tuple[str, ...]:
-    fitting = [unit for unit, factor in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)) if _SHORTEST_STEP_S <= step * factor <= _LONGEST_STEP_S]
+    fitting = [
+        unit
+        for unit, factor in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))
+        if _SHORTEST_STEP_S <= step * factor <= _LONGEST_STEP_S
+    ]
     return tuple(dict.fromkeys((*fitting, "s")))
 
 
@@ -269,8 +272,8 @@ def _time(table: Table, meanings: Sequence[Meaning]) -> Guess:
         name = clocks[0]
         unit = _time_unit(table, name)
         if unit:
-            return Guess("t_s", (_written("t_s", name, unit),), "sure", "the file says that it is the time of its signals")
-        return Guess("t_s", tuple(_written("t_s", name, unit) for unit in ("s", "ms", "us")), "unsure", "its unit cannot be told")
+            return Guess("t_s", (spelled("t_s", name, unit),), "sure", "the file says that it is the time of its signals")
+        return Guess("t_s", tuple(spelled("t_s", name, unit) for unit in ("s", "ms", "us")), "unsure", "its unit cannot be told")
     rising = [m for m in meanings if m.quantity == "time" and _rises(table, m.name)]
     if not rising:
         back = next((m.name for m in meanings if m.quantity == "time" and _rises(table, m.name, -1.0)), "")
@@ -280,15 +283,15 @@ def _time(table: Table, meanings: Sequence[Meaning]) -> Guess:
     best = rising[0]
     step = _step(table, best.name)
     if len(rising) > 1 and not (rising[0].unit and not rising[1].unit):
-        return Guess("t_s", tuple(_written("t_s", m.name, m.unit or "s") for m in rising), "unsure", "several columns look like time")
+        several = tuple(spelled("t_s", m.name, m.unit or _units_of_time(_step(table, m.name))[0]) for m in rising)
+        return Guess("t_s", several, "unsure", "several columns look like time")
     if table.columns[best.name].dtype.kind not in "fiu":
-        return Guess("t_s", (_written("t_s", best.name, ""),), "sure", "dates or times of day")
+        return Guess("t_s", (spelled("t_s", best.name, ""),), "sure", "dates or times of day")
     if best.unit:
-        return Guess("t_s", (_written("t_s", best.name, best.unit),), "sure", f"its name, and its unit {best.unit} by the file")
+        return Guess("t_s", (spelled("t_s", best.name, best.unit),), "sure", f"its name, and its unit {best.unit} by the file")
     if _SHORTEST_STEP_S <= step <= _LONGEST_STEP_S:
-        return Guess("t_s", (_written("t_s", best.name, "s"),), "sure", f"its name, and {step:.4g} s between rows")
-    fitting = [unit for unit, factor in (("ms", 1e-3), ("us", 1e-6)) if _SHORTEST_STEP_S <= step * factor <= _LONGEST_STEP_S]
-    choices = tuple(_written("t_s", best.name, unit) for unit in (*fitting, "s"))
+        return Guess("t_s", (spelled("t_s", best.name, "s"),), "sure", f"its name, and {step:.4g} s between rows")
+    choices = tuple(spelled("t_s", best.name, unit) for unit in _units_of_time(step))
     return Guess("t_s", choices, "likely", f"its name; it rises by {step:.4g} per row, and its unit is not stated")
 
 
@@ -303,8 +306,9 @@ def _rises(table: Table, name: str, way: float = 1.0) -> bool:
     values = table.columns[name]
     if values.dtype.kind not in "fiu":
         return way > 0.0 and name.lower() not in {"n", "m"}
-    known = values[np.isfinite(values)]
-    return len(known) > 2 and bool(np.mean(way * np.diff(known) > 0.0) > 0.9)
+    steps = way * np.diff(values[np.isfinite(values)])
+    changes = steps[steps != 0.0]  # a coarse clock stands between
+    return len(changes) > 1 and bool(np.mean(changes > 0.0) > 0.9)
 
 
 def _step(table: Table, name: str) -> float:
@@ -317,7 +321,7 @@ def _signal(table: Table, column: str, meanings: Sequence[Meaning], axis: Axis, 
     """The best of the columns that have the quantity."""
     usable = [m for m in meanings if not m.load and (m.role == "setpoint") == (role == "setpoint")]
     ordered = sorted(usable, key=lambda m: (m.role != role, not m.by_name, not m.suffix))
-    scaled = [(m, *_scaled(table, column, m, axis, ratio)) for m in ordered]
+    scaled = [(m, *by_unit(table, column, m, axis, ratio)) for m in ordered]
     scaled.sort(key=lambda item: (item[0].role != role, item[2] != "sure"))
     if not scaled:
         return Guess(column, (), "unsure", "no column of the file is called so")
@@ -334,63 +338,6 @@ def _with_place(table: Table, name: str) -> str:
     return f"{name!r} (c{list(table.columns).index(name) + 1})"
 
 
-def _scaled(table: Table, column: str, meaning: Meaning, axis: Axis, ratio: float | None) -> tuple[tuple[str, ...], Confidence, str]:
-    """Mappings of one foreign column to ours, by its unit."""
-    name, suffix = meaning.name, meaning.suffix
-    own = column.removeprefix("reference_").split("_", 1)[1].removeprefix("setpoint_")
-    if suffix == own and meaning.by_name:
-        return (_written(column, name, meaning.unit),), "sure", f"its name, and its unit {meaning.unit} by the file"
-    if suffix == own:
-        return (_written(column, name, meaning.unit),), "likely", f"its unit {meaning.unit} alone"
-    if suffix == "m" and own == "rad" and ratio is not None:
-        why = (
-            f"it is in {meaning.unit}: the motor's angle is that over the {ratio:.6g} m/rad of {axis}, if the drive's feed constant is that"
-        )
-        return (f"{column}={_quoted(name)}*{UNITS['m'].others[meaning.unit]:g}/{ratio:.9g}",), "likely", why
-    if suffix == "m" and own == "rad":
-        why = f"it is in {meaning.unit}, the torque at the motor; a feed constant of 60 mm per revolution is only an example"
-        return (f"{column}={_quoted(name)}*{meaning.unit}*rev/60mm",), "unsure", why
-    if meaning.special == "counts" and own == "rad":
-        counts = axis.motor.encoder_counts_per_rev or 65536
-        known = axis.motor.encoder_counts_per_rev is not None
-        why = f"it is in counts, {counts} per revolution {'by the axis file' if known else 'is only an example'}"
-        return (f"{column}={_quoted(name)}*rev/{counts}",), "likely", why
-    if meaning.special.startswith("per") and own == "nm":
-        rated, share = axis.motor.rated_torque_nm, 100 if meaning.special == "per cent" else 1000
-        of = "torque" if meaning.quantity == "torque" else "current, taken as the same share of the rated torque"
-        why = f"it is in {meaning.special} of a rated {of}, {'that of the axis file' if rated else '1.0 N m is only an example'}"
-        return (f"{column}={_quoted(name)}*{rated or 1.0:g}/{share}",), "likely", why
-    return _without_unit(table, column, meaning, axis, own)
-
-
-def _without_unit(table: Table, column: str, meaning: Meaning, axis: Axis, own: str) -> tuple[tuple[str, ...], Confidence, str]:
-    """Units that the numbers allow, for a column that states none."""
-    values = table.columns[meaning.name]
-    known = values[np.isfinite(values)]
-    largest = float(np.abs(known).max()) if len(known) else 0.0
-    name = _quoted(meaning.name)
-    if own == "nm":
-        rated = axis.motor.rated_torque_nm or 1.0
-        choices = [f"{column}={name}*1", f"{column}={name}*{rated:g}/100", f"{column}={name}*{rated:g}/1000", f"{column}={name}*mnm"]
-        peak = axis.motor.peak_torque_nm
-        fits = [c for c, f in zip(choices, (1.0, rated / 100, rated / 1000, 1e-3), strict=True) if peak and _possible(largest * f, peak)]
-        ordered = (*fits, *(c for c in choices if c not in fits))
-        return tuple(ordered), "unsure", f"its unit is not stated; its largest value is {largest:.4g}"
-    if own == "rad":
-        span = float(np.ptp(known)) if len(known) else 0.0
-        counts = axis.motor.encoder_counts_per_rev or 65536
-        whole = bool(np.all(known == np.round(known))) and span > 1000.0
-        choices = [f"{column}={name}*1", f"{column}={name}*deg", f"{column}={name}*rev", f"{column}={name}*rev/{counts}"]
-        ordered = (choices[3], *choices[:3]) if whole else tuple(choices)
-        return ordered, "unsure", f"its unit is not stated; it covers {span:.6g}{', in whole numbers' if whole else ''}"
-    units = {"rad_s": ("1", "rpm", "deg/s"), "m": ("1", "mm"), "m_s": ("1", "mm/s"), "a": ("1", "ma"), "n": ("1", "kn")}.get(own, ("1",))
-    return tuple(f"{column}={name}*{unit}" for unit in units), "unsure", "its unit is not stated"
-
-
-def _possible(largest: float, peak: float) -> bool:
-    return _SMALLEST_SHARE * peak <= largest <= _LARGEST_SHARE * peak
-
-
 def _second_sensors(meanings: Sequence[Meaning], sources: Mapping[str, Source], taken: set[str]) -> list[Guess]:
     found = []
     for column, quantity, suffix, load in (
@@ -401,18 +348,9 @@ def _second_sensors(meanings: Sequence[Meaning], sources: Mapping[str, Source], 
         fits = [m for m in meanings if (m.quantity, m.suffix) == (quantity, suffix) and (m.load or not load)]
         one = [m for m in fits if m.role != "setpoint" and m.name not in taken]
         if len(one) == 1 and column not in sources:
-            mapping = _written(column, one[0].name, "" if one[0].suffix == "c" else one[0].unit)
+            mapping = spelled(column, one[0].name, "" if one[0].suffix == "c" else one[0].unit)
             found.append(Guess(column, (mapping,), "sure", f"its name, and its unit {one[0].unit} by the file"))
     return found
-
-
-def _written(column: str, name: str, unit: str) -> str:
-    return f"{column}={_quoted(name)}{f'*{unit}' if unit else ''}"
-
-
-def _quoted(name: str) -> str:
-    bare = Table.bare(name)
-    return f'"{name}"' if bare != name or not name.replace("_", "").isalnum() else name
 
 
 def _open_words(table: Table, guesses: Sequence[Guess]) -> str:

@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from beltcomm.foreign.names import COUNTS, PER_CENT, PER_MILLE, plain_unit
 from beltcomm.quantities import UNITS
 
 #: Keys of a block in small letters without blanks, units and punctuation.
@@ -57,9 +58,10 @@ _REMARKS = {"comment", "comments", "remark", "remarks", "kommentar", "bemerkung"
 _SECONDS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
 _HERTZ = {"hz": 1.0, "khz": 1e3, "mhz": 1e6, "s/s": 1.0, "sa/s": 1.0}
 _UNIT_WORDS = {other for unit in UNITS.values() for other in unit.others} | {
-    *("v", "mv", "%", "-", "1", "counts", "count", "inc", "bool", "w", "k", "second", "seconds", "sec", "volt", "volts", "ampere", "amps"),
-    *("none", "unitless", "rad/s", "1/min", "user", "na", "sequence"),
+    *("v", "mv", "-", "1", "bool", "w", "k", "volt", "volts", "none", "unitless", "user", "na", "sequence", *COUNTS, *PER_CENT, *PER_MILLE),
 }
+#: A line drawn between header and rows, as of a table printed by a database.
+_RULE = re.compile(r"[\s\-+=|:_]+")
 
 
 class TextLine(NamedTuple):
@@ -140,7 +142,7 @@ def heading_of(above: Sequence[TextLine], shape: RowShape, commented: tuple[str,
     OtherLength
     """
     block = _Block(shape)
-    rest = [line for line in above if not block.takes(line)]
+    rest = [line for line in above if not _RULE.fullmatch(line.text) and not block.takes(line)]
     names, units, number = _header(rest, shape, commented, required=not block.names)
     names, units = (block.names or names), (_beside_clocks(block.units, names) or units)
     period, start = block.periods, block.starts
@@ -276,7 +278,7 @@ def _as_wide(fields: list[str], text: str, shape: RowShape, comment: bool) -> li
 
 def is_unit(cell: str) -> bool:
     """True for a cell that holds a unit, or nothing."""
-    plain = cell.strip('[]()" ').replace(" ", "").replace("·", "").replace("²", "2").replace("µ", "u").lower()
+    plain = plain_unit(cell.strip('" '))
     return not plain or plain in _UNIT_WORDS or (cell.startswith(("[", "(")) and cell.endswith(("]", ")")))
 
 

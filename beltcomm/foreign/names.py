@@ -18,7 +18,7 @@ _WORDS: tuple[tuple[Quantity, str], ...] = (
     ("temperature", r"temp(erature?|eratur)?|celsius"),
     ("time", r"t|ts|tt|tout|time(stamps?)?|zeit(stempel)?|uhrzeit|elapsed|stamp|clock|seconds?|sekunden|millis|micros|temps|tempo|tiempo"),
     ("force", r"force|kraft|vorschubkraft|f|frc|forza|fuerza"),
-    ("torque", r"torque|trq|tq|tau|(dreh)?moment|motormoment|mom|m|tor|couple|coppia"),
+    ("torque", r"torque|trq|tq|tau|effort|(dreh)?moment|motormoment|mom|m|tor|couple|coppia"),
     ("velocity", r"vel|velo|velocity|speed|spd|drehzahl|geschw(indigkeit)?|omega|rpm|v|n|dq|qd|qdot|vitesse|velocit[àa]|velocidad"),
     ("current", r"current|curr|cur|strom|motorstrom|i|iq|iqact|isq|ampere|amps?|courant|corrente|corriente"),
     (
@@ -68,12 +68,15 @@ _SPELLINGS = {
     "m": "meter",
     "mm": "millimeter",
     "n": "newton",
-    "nm": "n*m n-m n.m newtonmeter",
-    "a": "ampere amp amps arms a_rms aeff a(rms)",
+    "nm": "n*m n-m n.m newtonmeter newtonmeters newton-meter newton-meters",
+    "a": "ampere amperes amp amps arms a_rms aeff a(rms)",
     "°c": "degc celsius",
 }
 _SPELLED = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings.split()}
 COUNTS = ("counts", "count", "cnt", "cts", "inc", "incr", "increments", "inkr", "inkremente", "ticks", "lsb", "pulses", "qc")
+_COUNTS_OF_BITS = r"counts?(\d{1,2})bit"
+#: Positions that are angles: a letter m behind them is the motor's, no metre.
+_ANGLES = r"angle|ang|winkel|theta|phi|rotor"
 PER_CENT = ("%", "percent", "prozent", "%rated")
 PER_MILLE = ("‰", "permille", "promille", "0.1%", "permilleofratedtorque", "permilleofratedcurrent")
 #: Units by the quantity and the suffix of our column.
@@ -141,6 +144,8 @@ def meaning_of(table: Table, name: str) -> Meaning | None:
     suffix, by_unit = _suffix(stated)
     by_name = _quantity(words)
     special = "counts" if stated in COUNTS else "per cent" if stated in PER_CENT else "per mille" if stated in PER_MILLE else ""
+    if re.fullmatch(_COUNTS_OF_BITS, stated):
+        special = "counts"
     if special == "counts" and by_name is None:
         by_name = "position"
     if by_name is None and (by_unit is None or by_unit in {"time", "force"}):
@@ -162,6 +167,12 @@ def plain_unit(text: str) -> str:
     return plain.replace("*", "") if plain.replace("*", "") in {"nm", "mnm", "ncm"} else plain
 
 
+def counts_per_turn(unit: str) -> int | None:
+    """Of a unit of counts that states it, as Kollmorgen's ``Counts16Bit``; None for any other."""
+    match = re.fullmatch(_COUNTS_OF_BITS, plain_unit(unit))
+    return 2 ** int(match[1]) if match else None
+
+
 def _suffix(unit: str) -> tuple[str, Quantity | None]:
     for suffix, quantity in _SUFFIXES:
         if unit and unit in UNITS[suffix].others:
@@ -172,6 +183,7 @@ def _suffix(unit: str) -> tuple[str, Quantity | None]:
 def _words(name: str) -> tuple[list[str], str]:
     """The words of a name in small letters, and a unit that ends it ("time_ms"), which is no word then."""
     plain = name.replace("ä", "ae").replace("ö", "oe").replace("ü", "ue").replace("ß", "ss").replace("·", "")
+    plain = re.sub(r"(?<![A-Za-z])([Ii])[_ ]([qQdD])(?![A-Za-z])", r"\1\2", plain)  # i_q is one word
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|[^A-Za-z°%‰/]+|(?<=[A-Za-z])(?=\d)", " ", plain)
     parts = [word.lower() for word in spaced.split() if word]
     ending = ""
@@ -181,6 +193,8 @@ def _words(name: str) -> tuple[list[str], str]:
         if len(candidate) > 1 and (_suffix(candidate)[0] or candidate in COUNTS):
             ending = candidate
             parts = [word for word in parts if word not in tail[1].lower().split("_")]
+        elif candidate == "m" and any(_fits(word, _ANGLES) for word in parts):
+            parts = parts[:-1]
         elif candidate and _suffix(candidate)[1] == _quantity(parts[:-1]) is not None:  # one letter counts where the name agrees
             ending, parts = candidate, parts[:-1]
     return parts, ending

@@ -9,23 +9,31 @@ from __future__ import annotations
 import io
 import re
 import zlib
+from bisect import bisect
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltcomm.errors import DataError
 from beltcomm.foreign.heading import Heading, OtherLength, RowShape, TextLine, heading_of
-from beltcomm.foreign.names import meaning_of
+from beltcomm.foreign.longtable import unstacked
 from beltcomm.foreign.ownclocks import with_own_clocks
 from beltcomm.foreign.table import Column, Decimal, Separator, Table
 from beltcomm.foreign.textformat import MISSING, Format, plain_numbers, recognised, wide_encoding
-from beltcomm.foreign.timestamps import seconds_of
-from beltcomm.outside import blocks, check_columns, check_count, text_blocks, unreadable
+from beltcomm.outside import blocks, check_count, text_blocks, unreadable
 
+
+class Part(NamedTuple):
+    """Rows that are wanted, counted from 1: what is torn elsewhere does not matter."""
+
+    first: int = 1
+    last: int = 2**62
+
+
+EVERY = Part()
 _OTHER_ENDS = re.compile("[\x0b\x0c\x1c-\x1e\x85\u2028\u2029]")
 _LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
 _COMMENT = ("#", "%", "//")
@@ -36,19 +44,10 @@ _HEAD_LINES = 4096
 #: Shorter rows at the end that are signals that had ended, and no footer.
 _FEWEST_SHORT = 3
 
-_SIGNAL = re.compile(
-    r"(signal|channel|kanal|variable|var|parameter|param|tag|topic|_?field|item|point|measurement|metric|gr(ö|oe)(ß|ss)e|messgr(ö|oe)(ß|ss)e)"
-    r"([ _]?(name|bezeichnung|id))?|name|bezeichnung",
-    re.I,
-)
-_VALUE = re.compile(r"_?(value|wert|val|var_?value|messwert|data|reading|y)", re.I)
-_UNIT = re.compile(r"units?|einheit(en)?|uom", re.I)
 
-#: Values of a signal, on the average, below which a column of names is one of remarks or states.
-_FEWEST_EACH, _MOST_SIGNALS = 5, 500
-
-
-def read_text_table(path: Path, separator: Separator | None, decimal: Decimal | None, skip_lines: int, torn_rows: bool) -> Table:
+def read_text_table(
+    path: Path, separator: Separator | None, decimal: Decimal | None, skip_lines: int, torn_rows: bool, part: Part = EVERY
+) -> Table:
     """As :func:`beltcomm.foreign.files.read_table`, for text; read twice, piece by piece: no more is kept in memory than its numbers."""
     look = _looked_at(path, skip_lines)
     content = [line for line in look.sample if not line.text.lstrip().startswith(_COMMENT)]
@@ -68,7 +67,7 @@ def read_text_table(path: Path, separator: Separator | None, decimal: Decimal | 
     names = _unique(heading.names) or [f"c{j}" for j in range(1, form.width + 1)]
     if not heading.names:
         notes.append(f"it has no header: its columns are called c1 to c{form.width}")
-    rows = TextRows(path, form, names, torn_rows)
+    rows = TextRows(path, form, names, torn_rows, part)
     number, without_end = 0, False
     for piece in _pieces(path, look.encoding):
         first, number = number + 1, number + len(lines_in(piece))
@@ -180,8 +179,8 @@ def _unique(names: Sequence[str]) -> list[str]:
 class TextRows:
     """The rows of a text table, as they come; :meth:`columns` at the end."""
 
-    def __init__(self, path: Path, form: Format, names: Sequence[str], torn_rows: bool) -> None:
-        self._path, self._form, self._names, self._torn_rows = path, form, names, torn_rows
+    def __init__(self, path: Path, form: Format, names: Sequence[str], torn_rows: bool, part: Part) -> None:
+        self._path, self._form, self._names, self._torn_rows, self._part = path, form, names, torn_rows, part
         self._parts: list[list[Column]] = [[] for _ in names]
         #: Lines that are no rows: a footer, unless a row comes after them.
         self._waiting: list[tuple[TextLine, list[str]]] = []
@@ -277,11 +276,14 @@ class TextRows:
         torn = [row for row in rows if len(row[1]) != form.width and not self._is_remark(*row)]
         self._said += [(line.number, line.text.strip()) for line, fields in rows if self._is_remark(line, fields)]
         if torn:
-            bad, fields = torn[0]
-            if not self._torn_rows:
+            lines = [line.number for line, _ in whole]
+            before = [self._count + bisect(lines, line.number) for line, _ in torn]
+            inside = [k for k, count in enumerate(before) if self._part.first <= count < self._part.last]
+            if inside and not self._torn_rows:
+                (bad, fields), count = torn[inside[0]], before[inside[0]]
                 raise DataError(
                     f"{path}: line {bad.number} has {len(fields)} values, the rows have {form.width}; it is torn or begins another "
-                    "record: --rows takes a part of the file, --drop-incomplete leaves such lines out"
+                    f"record: --rows :{count} or --rows {count + 1}: takes a part of the file, --drop-incomplete leaves such lines out"
                 )
             self._torn += [line.number for line, _ in torn]
         cells = list(zip(*(fields for _, fields in whole), strict=True)) or [()] * form.width
@@ -301,9 +303,11 @@ class TextRows:
         odd = [i for i, (cell, value) in enumerate(zip(cells, values, strict=True)) if value is None and cell.lower() not in MISSING]
         if odd:
             line, cell = rows[odd[0]][0].number, cells[odd[0]][:30]
-            if cell.strip('"') == self._names[j] or self._names.count(cell):
+            at = self._count + odd[0] + 1
+            if (cell.strip('"') == self._names[j] or self._names.count(cell)) and self._part.first <= at <= self._part.last:
                 raise DataError(
-                    f"{self._path}: the header stands again in line {line}: a second record begins there; take a part with --rows"
+                    f"{self._path}: the header stands again in line {line}: a second record begins there; take a part with "
+                    f"--rows :{at - 1} or --rows {at + 1}:"
                 )
             count, known, first = self._odd.get(j, (0, cell, line))
             self._odd[j] = (count + len(odd), known, first)
@@ -316,98 +320,3 @@ class TextRows:
         check_count(str(self._path), self._count, len(columns))
         for part, column in zip(self._parts, columns, strict=True):
             part.append(column)
-
-
-def unstacked(table: Table) -> Table:
-    """The table with a column for each signal, where it is a long one; else as it is.   Raises DataError for stamps that are none."""
-    roles = _roles(table)
-    if roles is None:
-        return table
-    names, value, time, units = roles
-    cells = [str(cell).strip().strip('"') for cell in table.columns[names]]
-    signals = sorted(set(cells))
-    place = {signal: number for number, signal in enumerate(signals)}
-    which = np.array([place[cell] for cell in cells])
-    check_columns(table.file, 2 * len(signals))
-    stamps, notes = _stamps(table, time)
-    unit = "s" if time == "Time_ms" and "VarName" in table.columns else table.unit(time)
-    columns: dict[str, Column] = {}
-    stated: dict[str, str] = {}
-    clocks: dict[str, str] = {}
-    made: dict[bytes, str] = {}
-    for number, signal in enumerate(signals):
-        rows = np.flatnonzero(which == number)
-        own = stamps[rows]
-        key = own.tobytes()
-        if key not in made:
-            made[key] = "time" if not made else f"time {len(made) + 1}"
-            columns[made[key]] = own
-            stated |= {made[key]: unit} if unit else {}
-        columns[signal] = table.columns[value][rows]
-        clocks[signal] = made[key]
-        if units is not None:
-            stated[signal] = str(table.columns[units][rows[0]]).strip('" ')
-    words = f"a long table: {len(signals)} signals by {names!r}, values in {value!r}, each with its own rows of {time!r}"
-    return Table(table.file, columns, stated, (*table.notes, words, *notes), clocks)
-
-
-def _stamps(table: Table, time: str) -> tuple[NDArray[np.float64], tuple[str, ...]]:
-    stamps = table.columns[time]
-    if time == "Time_ms" and "VarName" in table.columns:  # of WinCC: millionths of a day
-        return (stamps - stamps[0]) * 0.0864, ()
-    return (stamps, ()) if stamps.dtype.kind == "f" else seconds_of(table.file, time, stamps)
-
-
-def _roles(table: Table) -> tuple[str, str, str, str | None] | None:
-    """Columns of the names, the values, the time and the units (None where there is none); None for a table that is no long one."""
-    texts = [name for name, column in table.columns.items() if column.dtype.kind not in "fiu"]
-    numbers = [name for name, column in table.columns.items() if column.dtype.kind in "fiu"]
-    if not texts or not numbers:
-        return None
-    units = next((name for name in texts if _UNIT.fullmatch(Table.bare(name))), None)
-    values = [name for name in numbers if _VALUE.fullmatch(Table.bare(name))]
-    times = [name for name in (*numbers, *texts) if _is_time(table, name) and name not in values]
-    stamp = next((name for name in times if name in numbers), None) or next((name for name in times if _understood(table, name)), None)
-    plain = [name for name in numbers if name != stamp and np.ptp(table.columns[name]) > 0.0]
-    value = values[0] if values else plain[0] if len(plain) == 1 else None
-    candidates = [name for name in texts if name not in (units, stamp) and _few(table.columns[name])]
-    named = [name for name in candidates if _SIGNAL.fullmatch(Table.bare(name))]
-    if value is None or not candidates:
-        return None
-    if not named and (len(candidates) > 1 or len(plain) > 1 or stamp is None or _rises(table, stamp)):
-        return None  # a column of states beside a table's signals
-    if named and not values and (stamp is None or _rises(table, stamp)):
-        return None
-    if stamp is None:
-        raise DataError(
-            f"{table.file} holds the values of several signals below each other ({named[0]}), and no time of each is understood"
-        )
-    return (named or candidates)[0], value, stamp, units
-
-
-def _few(column: Column) -> bool:
-    signals, counts = np.unique(column, return_counts=True)
-    return (
-        1 < len(signals) <= min(_MOST_SIGNALS, len(column) // _FEWEST_EACH)
-        and all(str(signal).strip() for signal in signals)
-        and counts.min() > 1
-    )
-
-
-def _is_time(table: Table, name: str) -> bool:
-    meaning = meaning_of(table, name)
-    return (meaning is not None and meaning.quantity == "time") or name.lower() in {"_time", "timestring", "t_s", "datetime", "date"}
-
-
-def _understood(table: Table, name: str) -> bool:
-    try:
-        seconds_of(table.file, name, table.columns[name][:3])
-    except DataError:
-        return False
-    return True
-
-
-def _rises(table: Table, name: str) -> bool:
-    """Strictly from row to row: then each row is a sample of all that stands in it."""
-    column = table.columns[name]
-    return column.dtype.kind == "f" and bool(np.all(np.diff(column) > 0.0))

@@ -31,6 +31,11 @@ _GROUPED = {
 _MARKS = "'\u2019\u00a0\u2007\u2009\u202f"
 _PARTS = re.compile(rf"(?<=\d)[{_MARKS}](?=\d{{3}}(?!\d))")
 _MINUS = "\u2212"
+#: A number as Fortran writes it, D before the exponent; and one with its unit behind it.
+_DOUBLE = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[dD][-+]?\d{1,3}")
+_WITH_UNIT = re.compile(r"[-+]?\d+([.,]\d+)?\s*[a-zA-Z°µ%][a-zA-Z0-9°/·*²%]{0,8}")
+#: Columns at least, and rows at most, of a table that lies on its side.
+_LYING = (50, 12)
 #: Bytes at the beginning that tell two bytes a letter, and share of them that are zero there.
 _WIDE, _ZEROS = 400, 0.9
 #: Quotes in a line of more than 100 000 characters beyond which they are no marks: a million would take minutes.
@@ -110,11 +115,12 @@ def _number(text: str, decimal_comma: bool, grouped: bool = False) -> float | No
     try:
         return float(text) if "_" not in text else None
     except ValueError:
-        return None
+        return float(re.sub("[dD]", "e", text)) if _DOUBLE.fullmatch(text) else None
 
 
 def recognised(path: Path, content: Sequence[TextLine], separator: Separator | None, decimal: Decimal | None) -> Format:
     """The format under which the most of the file's cells are numbers, in rows of one length."""
+    _check_standing(path, content)
     body = content[len(content) // 4 :]  # a preamble stands at the beginning
     sample = [body[i].text for i in np.unique(np.linspace(0, len(body) - 1, _SAMPLED_LINES).astype(int))]
     marks = [_SEPARATORS[separator]] if separator else [",", ";", "\t", "|", " "]
@@ -137,7 +143,33 @@ def recognised(path: Path, content: Sequence[TextLine], separator: Separator | N
             f"{path} is no table of numbers: no separator (comma, semicolon, tab, bar, space) gives rows of one length. It begins with "
             f"{content[0].text.strip()[:60]!r}. Export the signals as CSV: a row of names, then one row for each sample"
         )
-    return _looked_through(best[1], content)
+    form = best[1]
+    if form.separator == " " and (cell := _unit_in_cells(sample)):
+        raise DataError(
+            f"{path} has units behind its numbers ({cell!r}); take them out (replace them by nothing) and put them into the names above"
+        )
+    return _looked_through(form, content)
+
+
+def _check_standing(path: Path, content: Sequence[TextLine]) -> None:
+    """Refuse a table that has a row for each signal."""
+    if len(content) > _LYING[1]:
+        return
+    width = max(len(_split(content[-1].text, mark)) for mark in _SEPARATORS.values())
+    if width >= _LYING[0]:
+        raise DataError(
+            f"{path} has {len(content)} rows of some {width} values: its signals lie in rows; transpose it (Excel: paste special; "
+            "pandas: read_csv(..., header=None, index_col=0).T), so that each row is a sample"
+        )
+
+
+def _unit_in_cells(sample: Sequence[str]) -> str:
+    """A cell such as ``0.12 Nm`` where all cells between some mark are such; "" where none are."""
+    for mark in ",;\t|":
+        cells = [cell for line in sample for cell in _split(line, mark)]
+        if len(cells) > len(sample) and sum(_WITH_UNIT.fullmatch(cell) is not None for cell in cells) > _REGULAR_SHARE * len(cells):
+            return cells[-1]
+    return ""
 
 
 def _looked_through(form: Format, content: Sequence[TextLine]) -> Format:

@@ -24,6 +24,10 @@ _DAY_NS = 86_400 * 10**9
 _ORDERS = {"year-month-day": (0, 1, 2), "day.month.year": (2, 1, 0), "month/day/year": (2, 0, 1)}
 #: Share of a step by which the rounding of single-precision stamps disturbs it before it is told.
 _ROUGH = 1e-3
+#: Steps of stamps in order beyond which one is a gap, and way back below which rows have changed places.
+_EVEN, _NEAR = 1.5, 100.0
+#: Bits of counters of time.
+_BITS = (16, 24, 32)
 
 
 def seconds_of(file: str, name: str, stamps: Column) -> tuple[Column, tuple[str, ...]]:
@@ -109,6 +113,20 @@ def rough_stamps(t_s: Column) -> str:
     )
 
 
+def joined_counter(values: Column) -> tuple[Column, str]:
+    """Whole stamps with a counter that began anew joined, and a sentence on it; as they are, and "", where there is none."""
+    whole = len(values) > 2 and np.isfinite(values).all() and np.array_equal(values, np.round(values)) and values.min() >= 0.0
+    steps = np.diff(values.astype(np.float64)) if whole else np.zeros(0)
+    back = np.flatnonzero(steps < 0.0)
+    step = float(np.median(steps)) if len(steps) else 0.0
+    for bits in _BITS:
+        over = steps[back] + 2.0**bits
+        if len(back) and step > 0.0 and np.all((over > 0.0) & (over < _NEAR * step)) and values.max() < 2.0**bits:
+            joined = values + 2.0**bits * np.concatenate(([0.0], np.cumsum(steps < 0.0)))
+            return joined, f"its time is a counter of {bits} bits that began anew {len(back)} times: joined"
+    return values, ""
+
+
 def checked_time(file: str, t_s: Column, rows: NDArray[np.intp]) -> None:
     """Raise DataError when time stands still or goes back, or when it is in another unit than seconds.
 
@@ -123,15 +141,25 @@ def checked_time(file: str, t_s: Column, rows: NDArray[np.intp]) -> None:
     back = np.flatnonzero(steps < 0.0)
     if len(back):
         at = int(back[0])
+        ordered = np.diff(np.sort(t_s))
+        if np.all(ordered > 0.0) and ordered.max() < _EVEN * np.median(ordered) and -steps.min() < _NEAR * np.median(ordered):
+            raise DataError(
+                f"{file}: {len(back)} rows stand out of their order, the first is row {rows[at + 1] + 1}, {-steps[at]:.6g} s early; "
+                "sort the file by its time"
+            )
         many = f" and {len(back) - 1} times more" if len(back) > 1 else ""
         raise DataError(
             f"{file}: time goes back by {-steps[at]:.6g} s in row {rows[at + 1] + 1}{many}; another record begins there: "
             f"take one part, --rows :{rows[at] + 1} or --rows {rows[at + 1] + 1}:, or do without the stamps with --rate"
         )
     still = np.flatnonzero(steps == 0.0)
+    if len(still) == len(steps):
+        raise DataError(f"{file}: the time is {t_s[0]:g} s in every row; map another column, or give --rate")
     if len(still):
-        rate = (len(t_s) - 1) / float(t_s[-1] - t_s[0]) if t_s[-1] > t_s[0] else 0.0
-        resolution = float(steps[steps > 0.0].min()) if np.any(steps > 0.0) else 0.0
+        changes = np.flatnonzero(steps > 0.0) + 1  # rows before the first and behind the last one fill no whole step of the clock
+        ends = changes[[0, -1]] if len(changes) > 1 else np.array([0, len(t_s) - 1])
+        rate = float(np.diff(ends)[0] / np.diff(t_s[ends])[0])
+        resolution = float(steps[steps > 0.0].min())
         why = (
             f"the stamps have a resolution of {resolution:.4g} s, coarser than the sampling: if it was even, give --rate {rate:.6g}Hz "
             "instead of the stamps"

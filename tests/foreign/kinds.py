@@ -41,6 +41,7 @@ from foreign.makers import (
 
 SURE = ("--map", "torque_nm=c2", "--map", "position_rad=c3")
 SLOW = ANGLE[::5]
+EPOCH_NS = 1_714_737_600_000_000_000
 KINDS: list[Kind] = [
     Kind("CSV", put("a.csv", plain())),
     Kind("CSV, packed", put("a.csv.gz", gzip.compress(plain().encode()))),
@@ -130,6 +131,56 @@ KINDS: list[Kind] = [
     ),
     Kind("a table by R, rows begin with their number", put("a.txt", r_table())),
     Kind("pandas with an index", put("a.csv", table(",t_s,torque_nm,position_rad", (np.arange(ROWS), T, TORQUE, ANGLE)))),
+    Kind(
+        "Excel's sep=, German units below the names",
+        put("a.csv", table("sep=;\nZeit;Ist-Moment;Ist-Position\ns;Nm;Grad", (T, TORQUE, np.degrees(ANGLE)), ";", comma=True), "cp1252"),
+        tolerance=1e-5,
+    ),
+    Kind(
+        "psql, a line below the names, a count at the end",
+        put("a.txt", table(" t_s | torque_nm | position_rad \n-----+-----------+-----", (T, TORQUE, ANGLE), " | ") + "(1200 rows)\n"),
+    ),
+    Kind(
+        "a microcontroller's counter of 32 bits",
+        put(
+            "a.csv",
+            table("micros,torque [Nm],angle [rad]", ((np.round(1e6 * T).astype(np.int64) + 4_294_500_000) % 2**32, TORQUE, ANGLE)),
+        ),
+        ("--map", "t_s=micros*us"),
+        shown="a counter of 32 bits that began anew 1 times: joined",
+    ),
+    Kind(
+        "Kollmorgen WorkBench, Counts16Bit",
+        put(
+            "a.csv",
+            table(
+                "Kollmorgen WorkBench,2.22\nRecorder gap:,16,points:,1200\n\nTime (ms),IL.CMD (Arms),IL.FB (Arms),PL.FB (Counts16Bit)",
+                (1e3 * T, 2.0 * TORQUE + 0.01, 2.0 * TORQUE, ANGLE / math.tau * 65536),
+            ),
+        ),
+        ("--map", "torque_nm=IL.FB (Arms)*0.5"),
+    ),
+    Kind(
+        "Fortran's doubles",
+        put("a.dat", table("", (T, TORQUE, ANGLE), " ", digits=9).replace(" ", "D+00 ").replace("\n", "D+00\n")),
+        (*SURE, "--map", "t_s=c1*s"),
+    ),
+    Kind(
+        "a topic of ROS 1 as rostopic writes it",
+        put(
+            "a.csv",
+            table(
+                "%time,field.header.stamp,field.position0,field.effort0",
+                (
+                    1_714_737_600_000_000_000 + np.round(1e9 * T).astype(np.int64),
+                    np.arange(ROWS) + 1_714_737_600_000_000_000,
+                    ANGLE,
+                    TORQUE,
+                ),
+            ),
+        ),
+        ("--map", "t_s=time*ns", "--map", "torque_nm=field.effort0*1", "--map", "position_rad=field.position0*1"),
+    ),
     Kind(
         "TwinCAT 2 Scope, a time for each channel",
         put("scope.csv", twincat([("fTorque", "Nm", TORQUE, 1e-3), ("fActPos", "rad", ANGLE, 1e-3)], comma=True, old=True)),
@@ -325,6 +376,29 @@ KINDS: list[Kind] = [
     Kind("a LeCroy waveform", put("C1.trc", b"#9000001234WAVEDESC" + bytes(100)), says="save the waveform as CSV on the instrument"),
     Kind("an XML document", put("a.xml", '<?xml version="1.0"?>\n<Scope><Channel/></Scope>\n'), says="is an XML document"),
     Kind("a Dewesoft file", put("a.dxd", b"DEWE\0\0\0\0" + bytes(100)), says="is a Dewesoft file; export the signals as CSV in DewesoftX"),
+    Kind(
+        "signals in rows",
+        put(
+            "a.csv",
+            "".join(f"{name},{','.join(f'{value:.6f}' for value in row)}\n" for name, row in (("t", T), ("M", TORQUE), ("x", ANGLE))),
+        ),
+        says="its signals lie in rows; transpose it",
+    ),
+    Kind(
+        "units behind the numbers",
+        put("a.csv", "t,M,x\n" + "".join(f"{t:.3f} s,{a:.6f} Nm,{b:.6f} rad\n" for t, a, b in zip(T, TORQUE, ANGLE, strict=True))),
+        says="has units behind its numbers",
+    ),
+    Kind(
+        "rows that changed places",
+        put("a.csv", table("t_s,torque_nm,position_rad", (np.r_[T[:500], T[501], T[500], T[502:]], TORQUE, ANGLE))),
+        says="1 rows stand out of their order, the first is row 502",
+    ),
+    Kind(
+        "stamps in whole seconds, begun in the middle of one",
+        put("a.csv", table("Time [s],Torque [Nm],Position [rad]", (np.floor(3.0 * T + 0.5), TORQUE, ANGLE))),
+        says="if it was even, give --rate 333.333Hz",
+    ),
     Kind(
         "a DBC file",
         put("a.dbc", 'VERSION "1"\n\nBO_ 385 TPDO1: 8 Drive\n SG_ pos : 0|32@1- (1,0) [0|0] "" X\n'),

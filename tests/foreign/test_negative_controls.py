@@ -79,6 +79,8 @@ CONTROLS: Mapping[str, tuple[Callable[[], Columns], str]] = {
     "position in counts": (changed(position_rad=np.round(GOOD["position_rad"] * 8192 / math.tau)), "degrees or encoder counts"),
     "a counter that starts anew": (changed(position_rad=np.mod(GOOD["position_rad"], math.tau)), "a counter that starts anew"),
     "milliseconds as seconds": (changed(t_s=1e3 * GOOD["t_s"]), "time rises by 1 s per row"),
+    "a clock that stands still": (changed(t_s=np.full(6000, 3.0)), "the time is 3 s in every row"),
+    "a torque without a value": (changed(torque_nm=np.full(6000, np.nan)), "torque_nm holds no value"),
     "torque behind a gear of 200": (changed(torque_nm=200.0 * GOOD["torque_nm"]), "torque and angle look"),
 }
 

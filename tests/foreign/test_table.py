@@ -13,6 +13,7 @@ from scipy.io import savemat
 
 from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.files import read_table
+from beltcomm.foreign.textfile import Part
 from foreign.samples import swing, text, write
 
 T, CURRENT, ENCODER = swing()
@@ -84,6 +85,21 @@ def test_torn_lines_are_refused_or_left_out(tmp_path: Path) -> None:
     table = read_table(path, torn_rows=True)
     assert len(table.columns["time"]) == 99
     assert "1 torn lines left out, the first is line 51" in table.notes
+
+
+def test_what_is_torn_outside_of_the_rows_that_are_wanted_does_not_matter(tmp_path: Path) -> None:
+    """Two records below each other, with a line of another length or their header between them."""
+    t, *_ = swing(100)
+    rows = text(samples=100)
+    for between in ("***End***,1\n", rows.splitlines()[0] + "\n"):
+        path = write(tmp_path / "a.csv", rows + between + rows.split("\n", 1)[1])
+        with pytest.raises(DataError, match=r"--rows :100 or --rows 10[12]:") as refusal:
+            read_table(path)
+        first = int(re.findall(r"--rows (\d+):", str(refusal.value))[0])
+        for part in (Part(1, 100), Part(first)):
+            np.testing.assert_allclose(read_table(path, rows=part).columns["time"][part.first - 1 :][:100], t, atol=1e-9)
+        with pytest.raises(DataError, match="--rows :100"):
+            read_table(path, rows=Part(100, first))
 
 
 @pytest.mark.parametrize(
