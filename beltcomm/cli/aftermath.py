@@ -57,6 +57,8 @@ def aftermath(
     if resumes and kept and AXIS_FILE in sentence:  # a run goes on with the axis that it was begun with, and no other
         anew = again_command(_with_axis(words, run), None, resumes=True)
         following = f"{anew}   (a new run, when {AXIS_FILE} is mended); when it is right and the machine is mended: {again}"
+    if sentence.startswith("the move is refused") and (slowed := _slowed(words)):
+        following = f"{again_command(slowed, run, resumes=resumes)}   (slowed down until every limit is kept)"
     told = error.diagnosis
     if told is not None:
         if told["named"] or told["repeated"]:  # records of a machine before and after it was mended are of two machines
@@ -71,6 +73,15 @@ def aftermath(
         following = f"beltcomm doctor --drive {pasted(drive or 'DRIVE')}   (finds what is wrong), then {again}"
     shown = {} if told is None else {name: str(told[name]) for name in ("found", "check") if told[name]}
     return {**shown, "folder": f"{run} ({records})", "drive": state, "next": following}
+
+
+def _slowed(words: Sequence[str]) -> list[str]:
+    """The command with the limits that were asked for by name as those of the target, whose move is slowed; [] where none were."""
+    parted = [part for word in words for part in (word.split("=", 1) if word.startswith("--trajectory=") else [word])]
+    if "--trajectory" not in parted[:-1] or any(word.startswith("--feedforward") for word in words):  # which is driven as it is
+        return []
+    at = parted.index("--trajectory")
+    return [*parted[:at], "--target", f"move={parted[at + 1]}", *parted[at + 2 :]]
 
 
 def _with_axis(words: Sequence[str], run: Path) -> list[str]:

@@ -34,6 +34,16 @@ def test_a_run_without_a_record_is_begun_anew(tmp_path: Path) -> None:
     assert f"--run {tmp_path}   (when" in aftermath(words, tmp_path, [], "can0", Refused("no"), resumes=False)["next"]
 
 
+def test_limits_that_a_move_cannot_have_are_those_of_the_target_then(tmp_path: Path) -> None:
+    """A move that is asked for by name is driven as it is; that of the targets is slowed down."""
+    refusal = Refused("the move is refused: should the PC or the bus be lost in it, the belt is predicted to carry 153 N")
+    for words in (["--trajectory", "T_A"], ["--trajectory=T_A"]):
+        told = aftermath(["verify", "--drive", "can0", *words, "--yes"], tmp_path, [], "can0", refusal, resumes=False)["next"]
+        assert told.startswith(f"beltcomm verify --drive can0 --target move=T_A --yes --run {tmp_path}   (slowed")
+    for words in (["--trajectory", "T_A", "--feedforward", "none"], ["--move", "a.csv"]):
+        assert "--target" not in aftermath(["verify", "--drive", "can0", *words], tmp_path, [], "can0", refusal, resumes=False)["next"]
+
+
 def with_record(run: Path) -> Path:
     (run / "recordings").mkdir(parents=True)
     (run / "recordings" / "frf_1.csv").touch()
