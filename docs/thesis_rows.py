@@ -145,7 +145,7 @@ ROWS: tuple[ThesisRow, ...] = (
     ThesisRow("(4.16)", "nonlinear feedforward", "verify --feedforward nonlinear", "", "inertia, viscous, Coulomb", R),
     ThesisRow("(4.17)", "velocity feedforward", "verify", "1", "1", R),
     # chapter 5
-    ThesisRow("table A.8, T_A", "the 0.5 m move", CLOSED, "", "0.737 s, 1.36 m/s, 7.37 m/s²; 98.9 N in the belt; slowed to 95 % where a lost PC would load the belt beyond 140 N", R, own="verify"),
+    ThesisRow("table A.8, T_A", "the 0.5 m move", CLOSED, "", "0.737 s, 1.36 m/s, 7.37 m/s²; 98.9 N in the belt; slowed to 95 % where a lost PC would load the belt beyond 140 N; by `--trajectory T_A` it is refused (153 N of 150 N then), and the command that slows it stands below", R, own="verify"),
     ThesisRow("table A.9, T_B", "the faster one", "verify --trajectory T_B --over-belt", "", "114.9 N: beyond the axis's 100 N, virtual only", D, "refused on a machine"),
     ThesisRow("figure 5.1, none", "without prefilter: larger errors", "thesis closed-loop --pictures", "larger", "{closed:5.1 prefilter none} mm", R, own="thesis closed-loop --run RUN"),
     ThesisRow("figure 5.1, notch", "position, error of carriage and motor, speed, torque", "thesis closed-loop --pictures", "", "{closed:5.1 prefilter notch} mm", R, own="thesis closed-loop --run RUN"),
