@@ -355,8 +355,8 @@ def resonance_shape(model: Model, position_m: float) -> Shape:
     if shape is None:
         raise DataError(
             "the model has no resonance: its carriage does not swing on the belt, as a gap (backlash) makes it seem, in which the motor "
-            "moves alone, and a belt that is loose; hold the motor and push the carriage both ways against a dial gauge, and look at the model "
-            "(beltcomm compare RUN)"
+            "moves alone, and a belt that is loose; hold the motor and push the carriage both ways against a dial gauge, and look at "
+            "the model (beltcomm compare RUN)"
         )
     return shape
 
