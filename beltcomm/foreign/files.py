@@ -18,8 +18,7 @@ from beltcomm.foreign.framelines import kind_of_log
 from beltcomm.foreign.framelog import read_frames
 from beltcomm.foreign.kinds import kind_of_table
 from beltcomm.foreign.table import Decimal, Separator, Table
-from beltcomm.foreign.textfile import EVERY, read_text_table
-from beltcomm.foreign.textfile import Part as Rows
+from beltcomm.foreign.textfile import EVERY, RowSpan, read_text_table
 from beltcomm.outside import opened, sha256_of
 from beltcomm.recording.sidecar import ExcitationNote
 
@@ -87,7 +86,7 @@ def _parts_of(path: Path, reading: Reading, axis: Axis) -> list[Part]:
             decimal=reading.decimal,
             skip_lines=reading.skip_lines,
             torn_rows=reading.drop_incomplete,
-            rows=Rows(reading.first_row or 1, reading.last_row or EVERY.last),
+            rows=RowSpan(reading.first_row or 1, reading.last_row or EVERY.last),
         )
         if reading.edges is not None:  # a place for it: its values come with the times of the rows
             rows = max((len(column) for column in table.columns.values()), default=0)
@@ -132,7 +131,7 @@ def read_table(
     decimal: Decimal | None = None,
     skip_lines: int = 0,
     torn_rows: bool = False,
-    rows: Rows = EVERY,
+    rows: RowSpan = EVERY,
 ) -> Table:
     """All columns of a file, whose kind is told by its content: text (also .gz), MATLAB, HDF5, MDF, TDMS, MCAP, JSON, NumPy.
 
@@ -144,7 +143,7 @@ def read_table(
         Leave out so many at its beginning.
     torn_rows : bool
         Leave out rows in the middle of a text file that have another number of values.
-    rows : Rows
+    rows : RowSpan
         Of a text file those that are wanted: elsewhere torn ones do not matter.
 
     Raises

@@ -26,14 +26,14 @@ from beltcomm.foreign.textformat import MISSING, Format, plain_numbers, recognis
 from beltcomm.outside import blocks, check_count, text_blocks, unreadable
 
 
-class Part(NamedTuple):
+class RowSpan(NamedTuple):
     """Rows that are wanted, counted from 1: what is torn elsewhere does not matter."""
 
     first: int = 1
     last: int = 2**62
 
 
-EVERY = Part()
+EVERY = RowSpan()
 _OTHER_ENDS = re.compile("[\x0b\x0c\x1c-\x1e\x85\u2028\u2029]")
 _LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
 _COMMENT = ("#", "%", "//")
@@ -46,7 +46,7 @@ _FEWEST_SHORT = 3
 
 
 def read_text_table(
-    path: Path, separator: Separator | None, decimal: Decimal | None, skip_lines: int, torn_rows: bool, part: Part = EVERY
+    path: Path, separator: Separator | None, decimal: Decimal | None, skip_lines: int, torn_rows: bool, part: RowSpan = EVERY
 ) -> Table:
     """As :func:`beltcomm.foreign.files.read_table`, for text; read twice, piece by piece: no more is kept in memory than its numbers."""
     look = _looked_at(path, skip_lines)
@@ -179,7 +179,7 @@ def _unique(names: Sequence[str]) -> list[str]:
 class TextRows:
     """The rows of a text table, as they come; :meth:`columns` at the end."""
 
-    def __init__(self, path: Path, form: Format, names: Sequence[str], torn_rows: bool, part: Part) -> None:
+    def __init__(self, path: Path, form: Format, names: Sequence[str], torn_rows: bool, part: RowSpan) -> None:
         self._path, self._form, self._names, self._torn_rows, self._part = path, form, names, torn_rows, part
         self._parts: list[list[Column]] = [[] for _ in names]
         #: Lines that are no rows: a footer, unless a row comes after them.

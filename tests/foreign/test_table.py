@@ -13,7 +13,7 @@ from scipy.io import savemat
 
 from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.files import read_table
-from beltcomm.foreign.textfile import Part
+from beltcomm.foreign.textfile import RowSpan
 from foreign.samples import swing, text, write
 
 T, CURRENT, ENCODER = swing()
@@ -96,10 +96,10 @@ def test_what_is_torn_outside_of_the_rows_that_are_wanted_does_not_matter(tmp_pa
         with pytest.raises(DataError, match=r"--rows :100 or --rows 10[12]:") as refusal:
             read_table(path)
         first = int(re.findall(r"--rows (\d+):", str(refusal.value))[0])
-        for part in (Part(1, 100), Part(first)):
+        for part in (RowSpan(1, 100), RowSpan(first)):
             np.testing.assert_allclose(read_table(path, rows=part).columns["time"][part.first - 1 :][:100], t, atol=1e-9)
         with pytest.raises(DataError, match="--rows :100"):
-            read_table(path, rows=Part(100, first))
+            read_table(path, rows=RowSpan(100, first))
 
 
 @pytest.mark.parametrize(
