@@ -80,7 +80,7 @@ def improve(
         "cost": data.get("cost"),
     }
     code = max(designed.exit_code, verified.exit_code if verified is not None else 0)
-    return Result(result, text, code, details=[*found.text, "", *designed.details, *(verified.details if verified else ())])
+    return Result(result, text, code, details=[*found.text, *found.details, "", *designed.details, *(verified.details if verified else ())])
 
 
 def _nothing(run: Any, data: Mapping[str, Any], found: Result, named: list[str]) -> Result:
@@ -95,7 +95,7 @@ def _nothing(run: Any, data: Mapping[str, Any], found: Result, named: list[str])
     if not fine:
         step = Following(f"beltcomm compare {pasted(run)}", tr("where the error sits"))
     text += screens.next_lines(step)
-    return Result({"run": str(run), "added": [], "verdict": verdict}, text, 0 if fine else 1, details=found.text)
+    return Result({"run": str(run), "added": [], "verdict": verdict}, text, 0 if fine else 1, details=[*found.text, *found.details])
 
 
 def _ratios(made: Sequence[Mapping[str, Any]], every: Sequence[Revision]) -> tuple[float, float]:

@@ -18,8 +18,6 @@ from beltcomm.virtual.profiles import PROFILES
 from beltcomm_adapters.options import number, profile_name, whole_number
 
 DEFAULT_PLANT: Final = "g_a"
-#: m; the middle of the rig's 0 to 0.5 m.
-DEFAULT_START_M: Final = 0.25
 DEFAULT_PROFILE: Final = "reference"
 NODE: Final = 1
 #: s: no bus has a shorter period; and cycles of a drive in one, at most.
@@ -84,7 +82,7 @@ def attached(
     if unknown := sorted(set(options) - set(OPTIONS)):
         raise UsageError(f"the virtual drive has no option {', '.join(unknown)}; leave it out")
     file = load_plant(address or DEFAULT_PLANT, {key: options[key] for key in DRIVE_KEYS if key in options})
-    start_m = number(options, "start_position", DEFAULT_START_M)
+    start_m = number(options, "start_position", file.start_position_m)
     assert start_m is not None
     given: Mapping[str, Any] = options
     referenced = bool(options.get("referenced", True))

@@ -363,7 +363,9 @@ def axis_for(axis: str | None, drive: str, run: Path | None, resume: bool) -> Ax
     if resume and run is not None and (run / "axis.yaml").is_file():
         return load_axis(run / "axis.yaml")
     if simulated(drive):
-        return load_axis(VIRTUAL_AXIS)
+        from beltcomm.jobs.virtual_axis import axis_behind
+
+        return load_axis(axis_behind(drive) or VIRTUAL_AXIS)
     if get_close_matches(drive.partition(":")[0], ["virtual"], cutoff=0.7):
         raise UsageError(f"there is no drive {drive}, did you mean virtual?")
     raise UsageError(f"--drive {drive} moves a real axis, so --axis is needed; write its axis.yaml with `beltcomm init`")

@@ -154,6 +154,12 @@ def _note_drive(ctx: click.Context, param: click.Parameter, value: str | None, *
         ctx.default_map = {**(ctx.default_map or {}), **by}  # of the options that come after this one; one that is given is the user's
     if value is None and needed and not ctx.resilient_parsing:
         raise click.MissingParameter(ctx=ctx, param=param)
+    if value and value.startswith("virtual:") and Path(value.partition(":")[2]).is_file() and not ctx.resilient_parsing:
+        from beltcomm.jobs.virtual_axis import machine_of
+
+        value, said = machine_of(value)
+        if said:
+            click.echo(said, err=True)
     ctx.obj.drive = value or ""
     return value
 
@@ -184,7 +190,7 @@ def drive_options(function: Function, *, needed: bool = True, of_run: bool = Tru
             metavar="DRIVE",
             shell_complete=completion.drives,
             callback=partial(_note_drive, needed=needed, of_run=of_run),
-            help="virtual, virtual:PLANT, can0, slcan:/dev/ttyACM0, serial:/dev/ttyUSB0, ... (`beltcomm drives` lists adapters).",
+            help="virtual, virtual:PLANT, virtual:my_axis.yaml, can0, slcan:PORT, serial:PORT, ... (`beltcomm drives` lists adapters).",
         ),
         click.option(
             "--profile",

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import get_args
 
 from beltcomm.axis import Axis, load_axis
+from beltcomm.configfiles import did_you_mean
 from beltcomm.control import PrefilterKind
 from beltcomm.design.feedforward import SentFeedforward
 from beltcomm.drive import Capabilities, Drive
@@ -166,6 +167,14 @@ class Options:
     simulate_first: bool = False
     wall_clock: Callable[[], float] | None = field(default=None, compare=False)
     drive: Mapping[str, object] = field(default_factory=dict)
+
+    def __new__(cls, *_given: object, **named: object) -> Options:
+        """Raise UsageError for a name that no option has, with the nearest."""
+        known = [one.name for one in fields(cls)]
+        for name in named:
+            if name not in known:
+                raise UsageError(f"Options has no {name}{did_you_mean(name, known) or '; there are ' + ', '.join(known)}")
+        return super().__new__(cls)
 
     def __post_init__(self) -> None:
         """Raise UsageError for a value that no option has: found out now, and not after the axis has moved."""

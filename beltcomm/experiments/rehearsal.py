@@ -200,14 +200,18 @@ def twin_of(axis: Axis, folder: RunFolder) -> tuple[Model, str]:
     """The model behind the twin, and what it is in words."""
     if "final" in folder.names("models"):
         return offline.trusted_revision(folder)[0], "the run's model"
+    model, assumed = sheet_twin(axis)
+    return model, f"a guess from the data sheets, {assumed}"
+
+
+def sheet_twin(axis: Axis) -> tuple[Model, str]:
+    """A machine by its data sheets alone, and in words what they do not tell."""
     model = sheet_model(axis)
     if axis.mounting.tilted:
         guess = gravity.expected(axis)
         values = {"tilt.angle": math.radians(axis.mounting.tilt_deg), "cart.mass": guess.mass_kg}
         model = model.with_effect("tilt").with_values(values, "axis.yaml")
-    return model, (
-        f"a guess from the data sheets, a carriage of {model['cart.mass']:.3g} kg, {1e3 * total_friction(model):.0f} mN m of friction"
-    )
+    return model, f"a carriage of {model['cart.mass']:.3g} kg, {1e3 * total_friction(model):.0f} mN m of friction"
 
 
 def play_record(recording: Recording, axis: Axis, otherwise_m: float) -> RehearsedRecord:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,8 @@ from beltcomm.recording import Recording
 from beltcomm.result import Result, plain
 from beltcomm.rundata.cost import cost_and_words, with_costs
 from beltcomm.rundata.fitted_run import explainable, open_fitted
+from beltcomm.rundata.headline import EXPLAINED, Following, headline_of
+from beltcomm.rundata.headline import following as best_step
 from beltcomm.rundata.kept_fit import KEY
 from beltcomm.rundata.kept_result import kept_or_new
 from beltcomm.rundata.revisions import (
@@ -45,11 +48,13 @@ from beltcomm.rundata.revisions import (
 from beltcomm.rundata.store import stated_reading
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.next_plan import NAME, plan_for
+from beltcomm.sentences import laboratory as screens
 from beltcomm.sentences import ladder as words
 from beltcomm.sentences.cross_checks import as_data, check_lines, cross_checked, sensed, sensor_data, sensor_lines, sheet_lines
 from beltcomm.sentences.diagnosis_data import diagnosis_data, seen_as, values_of
 from beltcomm.sentences.own_words import about_run
 from beltcomm.sentences.response_table import table_lines, table_of
+from beltcomm.sentences.screens import next_lines, sheet_words
 from beltcomm.sentences.torque_path import path_data, path_sentences, period_of, whole_sentences
 from beltcomm.simulate.stopping import total_friction
 from beltcomm.talk import Silence, Talk
@@ -120,16 +125,34 @@ def compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
         "data_sheet": [plain(doubt) for doubt in here.sheets],
         "second_sensor": sensor_data(sensor),
     }
-    text = words.remark_lines(here.records.remarks)
-    text += words.comparison_lines(comparison, [in_words(p, named) for p in chosen], here.fitted.model, run, doubt)
-    text[-1:-1] = [
+    notes = [
+        *here.records.remarks,
+        *(f"responses differ by {d.cause}: {d.first}, {d.second} (--details)" for d in table.differences),
+        *sheet_words(data["data_sheet"]),
+    ]
+    text = screens.comparison_screen(comparison, [in_words(p, named) for p in chosen], notes, doubt)
+    details = [
+        *screens.comparison_details(comparison, here.fitted.model),
+        *words.remark_lines(here.records.remarks),
+        *(f"It fails at {in_words(p, named)}" for p in chosen[screens.PLACES :]),
         *path_sentences(here.data.path, here.data.recordings),
         *whole_sentences(stated),
         *table_lines(table),
         *sheet_lines(here.sheets),
         *sensor_lines(sensor),
+        *drawn.lines(here.folder, made, remarks),
     ]
-    return Result(data, text[:-1] + drawn.lines(here.folder, made, remarks) + text[-1:])
+    return Result(data, [*text, *next_lines(after_comparison(here.folder, comparison, bool(doubt)))], details=details)
+
+
+def after_comparison(folder: RunFolder, comparison: Comparison, doubted: bool) -> Following:
+    """The command to type next: a search only where something is left to be found."""
+    run = pasted(folder.path)
+    if doubted or max(comparison.ratio, comparison.held_out or 0.0) > EXPLAINED:
+        return Following(f"beltcomm diagnose {run}", "names what the model lacks")
+    if not folder.axis.has_transmission:
+        return Following(f"beltcomm report {run}", "everything known of the axis on one page")
+    return best_step(folder, headline_of(folder))
 
 
 @about_run()
@@ -192,34 +215,32 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
     }
     belonging = find_confounded(found.final_fit, found.added_effects)
     data["together"] = [plain(one) for one in belonging]
-    text = words.remark_lines(records.remarks) + words.diagnosis_lines(found, before, after) + [one.text for one in belonging] + doubts
     stated = stated_remarks(found.data.path, stated_reading(folder), period_of(recordings))
-    text += [*path_sentences(found.data.path, recordings), *whole_sentences(stated), *check_lines(crossed)]
+    details = [*words.remark_lines(records.remarks), *words.diagnosis_lines(found)]
+    details += [*path_sentences(found.data.path, recordings), *whole_sentences(stated), *check_lines(crossed)]
     if cost and found.added_effects:
         talk.phase(1, 1, "what it costs in tracking")
         data["cost"], lines = cost_and_words(folder, found.base.model, with_intervals(found.final_fit), " and ".join(found.added_effects))
-        text += lines
-    seen, lines, planned = sight(folder, found, recordings, following)
+        details += lines
+    seen, sights, planned = sight(folder, found, recordings, following)
     data |= seen
-    text += lines
+    warned = [*doubts, *words.caveats(found), *(one.text for one in belonging)]
+    notes = [*records.remarks, *sheet_words(data["data_sheet"]), *sights.notes]
+    text = screens.diagnosis_screen(found, before, after, warned, notes, data.get("cost"))
+    details += sights.lines
+    text += sights.planned
     text += unkept(folder, "diagnosis", plain(data)) if auto or following else []
     if not auto:
         designs = folder.axis.has_transmission and "final" in folder.names("models")
-        return Result(data, text + words.after_diagnosis(found, run, planned, designs))
+        return Result(data, text + words.after_diagnosis(found, run, planned, designs), details=details)
     added = climb(folder, found, model is not None, command, when)
     if cost and added:
         added = with_costs(folder, found, added, data.get("cost"))
     data["revisions"] = [as_mapping(r) for r in added]
-    return Result(
-        data,
-        [
-            *text,
-            *words.climb_lines(
-                added, found.added_effects, found.final_fit.held_ratio is not None, run, undetermined_in(found.final_fit, found.base)
-            ),
-            f"Next: beltcomm {'design' if folder.axis.has_transmission else 'report'} {pasted(run)}",
-        ],
-    )
+    unknown = undetermined_in(found.final_fit, found.base)
+    climbed = words.climb_lines(added, found.added_effects, found.final_fit.held_ratio is not None, run, unknown)
+    step = f"Next: beltcomm {'design' if folder.axis.has_transmission else 'report'} {pasted(run)}"
+    return Result(data, [*text, *climbed, step], details=details)
 
 
 def undetermined_in(fitted: Fitted, base: Fitted) -> list[str]:
@@ -238,10 +259,19 @@ def unkept(folder: RunFolder, name: str, found: Mapping[str, Any]) -> list[str]:
 
 def with_lines(result: Result, lines: Sequence[str]) -> Result:
     """The result with further lines before its last, which says what is next."""
-    return Result(result.data, [*result.text[:-1], *lines, *result.text[-1:]], result.exit_code) if lines else result
+    return replace(result, text=[*result.text[:-1], *lines, *result.text[-1:]]) if lines else result
 
 
-def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], following: bool) -> tuple[dict[str, Any], list[str], str]:
+@dataclass(frozen=True)
+class _Sights:
+    """Detection limits in words: as notes of a screen, as its details, and the plan of further records."""
+
+    notes: Sequence[str]
+    lines: Sequence[str]
+    planned: Sequence[str]
+
+
+def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], following: bool) -> tuple[dict[str, Any], _Sights, str]:
     """Detection limits of these data, and with ``following`` the saved plan of further records and the command that makes them."""
     planned = ""
     sights = detection_limits(found.scorer, ground_of(found.base, found.base.problem.pieces, folder.axis))
@@ -249,8 +279,8 @@ def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], 
     model = found.base.model
     missing = missing_records(recordings, model["transmission.ratio"]) if "cart" in model.base_bodies else []
     data["lacking"] = missing
-    lines = words.lacking_lines(missing)
-    lines += words.sight_lines(sights, folder.path, not_named(model, recordings), planned=following)
+    unnamed, told = not_named(model, recordings), list[str]()
+    lines = [*words.lacking_lines(missing), *words.sight_lines(sights, folder.path, unnamed, planned=following)]
     if following:
         window = (float(folder.axis.travel.min_m or 0.0), float(folder.axis.travel.max_m or 1.0))
         before = Before(recordings, window, model["transmission.ratio"], total_friction(model))
@@ -258,9 +288,9 @@ def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], 
         wanted = plan_for(found.twins, blind, found.added_effects, lambda step: record_showing(step, before), "cart" in model.base_bodies)
         data["next"] = wanted.to_dict()
         folder.save("results", NAME, plain(wanted.to_dict()))
-        lines += wanted.lines(folder.path)
+        told = wanted.lines(folder.path)
         planned = wanted.command(folder.path)
-    return data, lines, planned
+    return data, _Sights([] if following else words.blind_words(sights, unnamed), lines, told), planned
 
 
 def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: str) -> list[Revision]:

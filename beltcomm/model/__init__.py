@@ -63,7 +63,8 @@ _OTHER_SIDE: Mapping[str, Mapping[str, tuple[str, float]]] = {
 
 @dataclass(frozen=True)
 class Value:
-    """One parameter value; as text it reads ``0.9608 ± 0.0037 kg``, with its 95 % interval.
+    """One parameter value; as text it reads ``0.9608 ± 0.0037 kg``, with its 95 % interval. ``float(value)``, ``f"{value:.3f}"`` and
+    arithmetic take it as its number.
 
     Attributes
     ----------
@@ -87,6 +88,45 @@ class Value:
         if self.interval is None or not np.isfinite(self.interval):
             return None
         return self.value - self.interval, self.value + self.interval
+
+    def __float__(self) -> float:
+        return self.value
+
+    def __format__(self, spec: str) -> str:
+        return format(self.value, spec) if spec else str(self)
+
+    def __add__(self, other: Any) -> Any:
+        return self.value + other
+
+    def __radd__(self, other: Any) -> Any:
+        return other + self.value
+
+    def __sub__(self, other: Any) -> Any:
+        return self.value - other
+
+    def __rsub__(self, other: Any) -> Any:
+        return other - self.value
+
+    def __mul__(self, other: Any) -> Any:
+        return self.value * other
+
+    def __rmul__(self, other: Any) -> Any:
+        return other * self.value
+
+    def __truediv__(self, other: Any) -> Any:
+        return self.value / other
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return other / self.value
+
+    def __pow__(self, other: Any) -> Any:
+        return self.value**other
+
+    def __neg__(self) -> float:
+        return -self.value
+
+    def __abs__(self) -> float:
+        return abs(self.value)
 
     def __str__(self) -> str:
         half = "" if self.interval_95 is None else f" ± {self.interval:.2g}"
@@ -518,6 +558,8 @@ class PlantFile:
         Torque setpoint to acting torque.
     torque_noise_nm : float
         N m rms on the reported torque.
+    start_position_m : float, m
+        Place of the carriage when the drive is switched on.
     brake_torque_nm : float, N m
         Of the motor's holding brake, 0 for none.
     brake_time_s : float, s
@@ -532,6 +574,7 @@ class PlantFile:
     setpoint_delay_s: float
     torque_noise_nm: float
     counts_per_rev: int
+    start_position_m: float = 0.25
     brake_torque_nm: float = 0.0
     brake_time_s: float = 0.0
     motor: Mapping[str, float] = field(default_factory=dict)

@@ -10,16 +10,16 @@ import numpy as np
 
 from beltcomm.axis.terms import pictures_in
 from beltcomm.errors import UsageError
-from beltcomm.fit.noise_level import error_floor_words
 from beltcomm.pages import axis, changes, diagnosed, loops, model, safety, tracking
 from beltcomm.pages.gather import Gathered, gathered
 from beltcomm.pages.page_file import admit_page, write_page
 from beltcomm.report.page import Fact, Page, State, render
 from beltcomm.result import Result, plain
-from beltcomm.rundata.headline import EXPLAINED, MEANINGS, following, headline_of
+from beltcomm.rundata.headline import MEANINGS, following, headline_of
 from beltcomm.sentences.cross_checks import sheet_lines
-from beltcomm.sentences.ladder import error_words
+from beltcomm.sentences.laboratory import error_words
 from beltcomm.sentences.own_words import said_in
+from beltcomm.sentences.screens import model_state
 from beltcomm.talk import Silence, Talk
 
 #: The page and its numbers, in the run folder.
@@ -168,11 +168,9 @@ def _model(run: Gathered) -> Fact:
     found = run.comparison
     if found is None:
         return Fact("Model error", "not compared", run.remarks[0] if run.remarks else "beltcomm compare says why", "note")
-    worst = max(found.ratio, found.held_out or 0.0)
-    words = f"{error_words((found.ratio, found.held_out), (found.plain, found.plain_held_out))}; "
-    doubt = error_floor_words(found.ratio)
-    good = worst <= EXPLAINED and not doubt
-    return Fact("Model error", f"{found.ratio:.2f} × noise", words + (doubt or "1.00: nothing is missing"), "good" if good else "bad")
+    _, said, style = model_state(max(found.ratio, found.held_out or 0.0))
+    words = error_words((found.ratio, found.held_out), (found.plain, found.plain_held_out))
+    return Fact("Model error", f"{found.ratio:.2f} × noise", f"{said}; {words}", "good" if style == "good" else "bad")
 
 
 def _margin(run: Gathered) -> Fact:

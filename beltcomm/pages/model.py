@@ -16,7 +16,7 @@ from beltcomm.report.page import PageTable, Paragraphs, Picture, Section, pictur
 from beltcomm.result import with_unit
 from beltcomm.rundata.revisions import current_revision
 from beltcomm.sentences.cross_checks import sheet_lines
-from beltcomm.sentences.ladder import record_table
+from beltcomm.sentences.laboratory import record_table
 from beltcomm.sentences.torque_path import path_sentences
 from beltcomm.sentences.words import SHOWN, number
 

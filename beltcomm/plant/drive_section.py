@@ -112,6 +112,7 @@ _ENTRIES: Mapping[str, tuple[float, AxisEntry]] = {
     "setpoint_delay_s": (1e-3, AxisEntry("time from torque setpoint to torque", at_least=0.0, at_most=1.0)),
     "torque_noise_nm": (6e-3, AxisEntry("rms of the noise on the torque reading", at_least=0.0)),
     "counts_per_rev": (65536, AxisEntry("encoder counts per motor revolution", at_least=1.0, at_most=2.0**32 - 1.0, whole=True)),
+    "start_position_m": (0.25, AxisEntry("place of the carriage when the drive is switched on")),
     "brake_torque_nm": (0.0, AxisEntry("torque of the holding brake", at_least=0.0)),
     "brake_time_s": (0.0, AxisEntry("time in which the holding brake opens or closes", at_least=0.0)),
 }
@@ -137,7 +138,7 @@ def drive_values(section: Mapping[str, Any]) -> dict[str, Any]:
     Returns
     -------
     dict
-        The five numbers that every drive has by name, ``motor`` (of the nameplate what is given) and ``instruments``.
+        The numbers that every drive has by name, ``motor`` (of the nameplate what is given) and ``instruments``.
 
     Raises
     ------

@@ -40,7 +40,7 @@ def responses_figure(
     caption: style.Caption,
     models: Sequence[SmoothResponse | None] = (),
 ) -> Figure:
-    """Magnitude and phase over frequency, and below them the landmarks by record.
+    """Magnitude and phase over frequency, and below them the landmarks by record where any were looked for.
 
     Parameters
     ----------
@@ -50,8 +50,10 @@ def responses_figure(
         For each the model's curve with its band, drawn over the measured magnitude; none where there is none.
     """
     with style.styled():
-        made = style.figure("Frequency responses: places, amplitudes, directions", 8.2 + 0.28 * len(shown), caption, sentences)
-        upper, middle, lower = made.subplots(3, 1, sharex=True, height_ratios=[4.4, 2.4, 0.6 + 0.28 * len(shown)])
+        marked = 0.6 + 0.28 * len(shown) if any(marks is not None for *_, marks in shown) else 0.0
+        made = style.figure("Frequency responses: places, amplitudes, directions", 7.3 + 1.5 * marked, caption, sentences)
+        heights = [4.4, 2.4, marked] if marked else [4.4, 2.4]
+        upper, middle, *below = made.subplots(len(heights), 1, sharex=True, height_ratios=heights)
         for k, (label, response, marks) in enumerate(shown):
             colour, line = COLOURS[k % len(COLOURS)], LINES[k // len(COLOURS) % len(LINES)]
             _curve(upper, middle, response, label, colour, line)
@@ -61,7 +63,7 @@ def responses_figure(
                 upper.plot(smooth.freq_hz, best, color=colour, linewidth=2.0, linestyle=line, zorder=3)
             if marks is not None:
                 for mark, symbol in ((marks.antiresonance, "v"), (marks.resonance, "^")):
-                    _mark(lower, k, mark, colour, symbol)
+                    _mark(below[0], k, mark, colour, symbol)
         clear = [20.0 * np.log10(np.abs(r.h[r.error_radius() < CLEAR * np.abs(r.h)])) for _, r, _ in shown]
         upper.set_ylim(min(float(np.min(c, initial=0.0)) for c in clear) - 6.0, max(float(np.max(c, initial=-60.0)) for c in clear) + 6.0)
         upper.set_ylabel("|angle/torque| in dB re 1 rad/(N m)")
@@ -71,9 +73,11 @@ def responses_figure(
         middle.set_ylabel("phase in degrees")
         style.numbers_at(middle.yaxis, style.DEGREES)
         middle.set_ylim(-400.0, 60.0)
-        style.numbers_at(lower.yaxis, range(len(shown)), [label.split(",")[0] for label, *_ in shown])
-        lower.set_ylim(len(shown) - 0.4, -0.6)
-        lower.set_title("antiresonance (down) and resonance (up) with 95 %", fontsize=9, fontweight="normal")
+        for axes in below:
+            style.numbers_at(axes.yaxis, range(len(shown)), [label.split(",")[0] for label, *_ in shown])
+            axes.set_ylim(len(shown) - 0.4, -0.6)
+            axes.set_title("antiresonance (down) and resonance (up) with 95 %", fontsize=9, fontweight="normal")
+        lower = [middle, *below][-1]
         lower.set_xlabel("frequency in Hz")
         lower.set_xscale("log")
         lower.set_xlim(min(r.freq_hz[0] for _, r, _ in shown), max(r.freq_hz[-1] for _, r, _ in shown))

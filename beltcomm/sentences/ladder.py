@@ -13,14 +13,13 @@ from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.intervals import with_intervals
 from beltcomm.fit.start import BELT_BASE, RIGID_BASE
 from beltcomm.given import pasted
-from beltcomm.laboratory.compare import Comparison
 from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, structures
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.laboratory.forward_selection import MISSING, Candidate
 from beltcomm.laboratory.plausibility import KNOWN, implausible_effects, undetermined_effects
 from beltcomm.laboratory.visible import DetectionLimit
 from beltcomm.model import Model, effect_parameters
-from beltcomm.result import table, with_unit
+from beltcomm.result import Row, table, with_unit
 from beltcomm.rundata.cost import cost_rows
 from beltcomm.rundata.revisions import Revision
 from beltcomm.schedule.next_plan import families, hands_of
@@ -43,26 +42,6 @@ def remark_lines(remarks: Sequence[str]) -> list[str]:
     return ["Of the records:", *(f"  {remark}" for remark in remarks), ""] if remarks else []
 
 
-def comparison_lines(comparison: Comparison, places: Sequence[str], model: Model, run: Path, doubt: str = "") -> list[str]:
-    """``beltcomm compare``.
-
-    Parameters
-    ----------
-    doubt : str
-        Why the error says nothing.
-    """
-    error = error_words((comparison.ratio, comparison.held_out), (comparison.plain, comparison.plain_held_out))
-    lines = [
-        f"Model: {', '.join(model.effects)}.",
-        f"The error is {error}" + (f". {doubt}" if doubt else "; 1.00 means that nothing is missing."),
-        "",
-        *table(*record_table(comparison)),
-    ]
-    lines.append("")
-    lines += ["Where it fails most:", *(f"  {place}" for place in places)] if places else ["No place stands out."]
-    return [*lines, f"Next: beltcomm diagnose {pasted(run)}"]
-
-
 def trial_line(candidate: Candidate) -> str:
     """Line on a trial while a diagnosis goes on."""
     if candidate.grows or candidate.unneeded or candidate.idle:
@@ -72,46 +51,42 @@ def trial_line(candidate: Candidate) -> str:
     return f"{candidate.effect.name} on trial: it explains {share:.0f} %{together}; all is fitted with it, then looked at for more"
 
 
-def diagnosis_lines(found: Diagnosis, before: Plain = (None, None), after: Plain = (None, None)) -> list[str]:
-    """``beltcomm diagnose``.
-
-    Parameters
-    ----------
-    before, after : Plain
-        Errors of the first and of the last model in plain units.
-    """
-    lines = [f"Error before: {error_words((found.published_base[1].ratio, found.published_base[1].held_ratio), before)}."]
-    known = [name for name in found.base.model.effects if name not in (*BELT_BASE, *RIGID_BASE)]
-    if known:
-        lines.append(f"The model has already: {', '.join(known)}.")
-    first = found.steps[0].candidates if found.steps else ()
-    shown = [c for c in first if c.fitted is not None][:5]
-    if shown:
-        rows = [
-            [
-                c.effect.name,
-                f"{c.evidence:.0f}",
-                f"{100.0 * max(0.0, c.explained):.0f}%",
-                f"{c.held_gain:.0f}" if found.base.held_residual else "none",
-                f"not accepted, {c.against}" if c.against else f"together with {c.beside}" if c.beside else "",
-            ]
-            for c in shown
+def candidate_rows(found: Diagnosis, most: int, indent: str = "") -> list[Row]:
+    """Table of the effects that were on trial first, best first."""
+    shown = [c for c in (found.steps[0].candidates if found.steps else ()) if c.fitted is not None][:most]
+    rows = [
+        [
+            c.effect.name,
+            f"{c.evidence:.0f}",
+            f"{100.0 * max(0.0, c.explained):.0f}%",
+            f"{c.held_gain:.0f}" if found.base.held_residual else "none",
+            f"not accepted, {c.against}" if c.against else f"together with {c.beside}" if c.beside else "",
         ]
-        lines += ["", *table(["effect", ">evidence", ">explains", ">held out", ""], rows)]
-    for step in found.steps:
-        if step.detour:
-            lines += [
-                "",
-                f"{' and '.join(step.detour)} came first on trial and became superfluous beside {step.added}, which explains more.",
-            ]
+        for c in shown
+    ]
+    return table(["effect", ">evidence", ">explains", ">held out", ""], rows, indent) if rows else []
+
+
+def diagnosis_lines(found: Diagnosis) -> list[str]:
+    """What ``beltcomm diagnose`` knows beyond its answer: the base, every trial, every law."""
+    known = [name for name in found.base.model.effects if name not in (*BELT_BASE, *RIGID_BASE)]
+    lines = [f"The model has already: {', '.join(known)}."] if known else []
+    lines += candidate_rows(found, 5)
+    lines += [
+        f"{' and '.join(step.detour)} came first on trial and became superfluous beside {step.added}, which explains more."
+        for step in found.steps
+        if step.detour
+    ]
     model = with_intervals(found.final_fit)
     for name in found.added_effects:
         lines += ["", *effect_lines(effect_named(name), model)]
-    lines += ["", f"Verdict: {found.verdict}."]
+    return [*lines, ""] if lines else []
+
+
+def caveats(found: Diagnosis) -> list[str]:
+    """What a reader of a diagnosis must know before it is believed, as sentences."""
+    lines, model = [], with_intervals(found.final_fit)
     if found.added_effects:
-        lines.append(
-            f"With {', '.join(found.added_effects)} the error is {error_words((found.final_fit.ratio, found.final_fit.held_ratio), after)}."
-        )
         lines += narrower_lines(found.published_base[1], found.final_fit)
         held, then = found.published_base[1].held_ratio, found.final_fit.held_ratio
         if held is not None and then is not None and then >= held:
@@ -204,6 +179,12 @@ def sight_lines(sights: Sequence[DetectionLimit], run: Path, unnamed: Collection
     )
 
 
+def blind_words(sights: Sequence[DetectionLimit], unnamed: Collection[str]) -> list[str]:
+    """:func:`sight_lines` as one note."""
+    blind = [sight.effect.name for sight in sights if not sight.is_detectable and sight.effect.name not in unnamed]
+    return [f"not seen by these records (--next plans some that would): {', '.join(blind)}"] if blind else []
+
+
 def beyond_bounds(sight: DetectionLimit) -> bool:
     """True if an effect that could be seen would be larger than any."""
     highs = [p.high for p in sight.effect.parameters if p.name == sight.parameter]
@@ -212,7 +193,21 @@ def beyond_bounds(sight: DetectionLimit) -> bool:
 
 def effect_lines(effect: Effect, model: Model) -> list[str]:
     """Effect, its numbers, causes and what to check."""
-    lines, elsewhere = [f"{effect.name}: {effect.title}."], body_lines(effect, model)
+    lines = [f"{effect.name}: {effect.title}.", *(f"  {line}" for line in number_lines(effect, model)), *body_lines(effect, model)]
+    if effect.causes:
+        lines.append(f"  Usual causes: {effect.causes}.")
+    lines.append(f"  Check: {effect.check}.")
+    if effect.twins:
+        lines.append(
+            f"  Looks alike: {', '.join(effect.twins)}" + (f"; to tell them apart: {effect.separate}." if effect.separate else ".")
+        )
+    lines += family_lines(effect, model)
+    return lines
+
+
+def number_lines(effect: Effect, model: Model) -> list[str]:
+    """Its parameters with their intervals."""
+    lines, elsewhere = [], body_lines(effect, model)
     for name, parameter in effect_parameters(effect).items():
         item = model.parameters[name]
         if parameter.form and item.low == item.high:
@@ -222,16 +217,7 @@ def effect_lines(effect: Effect, model: Model) -> list[str]:
         bound = item.interval is None and not parameter.form and not elsewhere and not item.low < item.value < item.high
         doubt = ", as it was: no fit moves it" if held else ", at the bound of what is possible: hardly the cause" if bound else ""
         usual = f" (its form; usual is {parameter.start:g})" if parameter.form else ""
-        lines.append(f"  {with_unit(f'{name} = {item.value:.4g}{width}', item.unit)}{doubt}{usual}")
-    lines += elsewhere
-    if effect.causes:
-        lines.append(f"  Usual causes: {effect.causes}.")
-    lines.append(f"  Check: {effect.check}.")
-    if effect.twins:
-        lines.append(
-            f"  Looks alike: {', '.join(effect.twins)}" + (f"; to tell them apart: {effect.separate}." if effect.separate else ".")
-        )
-    lines += family_lines(effect, model)
+        lines.append(f"{with_unit(f'{name} = {item.value:.4g}{width}', item.unit)}{doubt}{usual}")
     return lines
 
 
@@ -321,8 +307,8 @@ def change_lines(
     return lines
 
 
-def ladder_lines(rungs: Sequence[Revision], changed: Sequence[str]) -> list[str]:
-    """``beltcomm ladder``: a falling staircase down to the noise."""
+def staircase(rungs: Sequence[Revision]) -> list[Row]:
+    """Revisions as a falling staircase down to the noise."""
     highest = max(1.0, *(rung.ratio for rung in rungs))
     rows = [
         [
@@ -337,7 +323,12 @@ def ladder_lines(rungs: Sequence[Revision], changed: Sequence[str]) -> list[str]
         for rung in rungs
     ]
     rows.append(["noise", "", "1.00", "", "", "█" * max(1, round(BAR / highest)), ""])
-    lines: list[str] = [*table(["revision", "change", ">error", ">held out", ">% of torque", "", ""], rows), "", "Where they come from:"]
+    return table(["revision", "change", ">error", ">held out", ">% of torque", "", ""], rows)
+
+
+def ladder_lines(rungs: Sequence[Revision], changed: Sequence[str]) -> list[str]:
+    """``beltcomm ladder``: the staircase, and where its steps come from."""
+    lines: list[str] = [*staircase(rungs), "", "Where they come from:"]
     for rung in rungs:
         lines += provenance_lines(rung)
     if changed:
@@ -369,7 +360,7 @@ def climb_lines(made: Sequence[Revision], named: Sequence[str], held_out: bool, 
         Effects of which no number is known.
     """
     added = [rung for rung in made if rung.change.startswith("+")]
-    lines = ["", *ladder_lines(made, ())] if added else ["Nothing was added."]
+    lines: list[str] = [*staircase(made)] if added else ["Nothing was added."]
     left = [name for name in named if not any(name in rung.effects for rung in added)]
     if left and left[0] in undetermined:
         lines.append(
@@ -384,26 +375,6 @@ def climb_lines(made: Sequence[Revision], named: Sequence[str], held_out: bool, 
         lines.append(f"Not added: {' and '.join(left)}. No record is held out, so nothing could confirm it; `held_out: true` in a sidecar")
         lines.append(f"makes one, and `beltcomm add {left[0]} {pasted(run)}` adds it as it is.")
     return lines
-
-
-def error_words(ratios: tuple[float, float | None], plain: Plain) -> str:
-    """An error over the noise and in plain units, of the fitted records and of those held out where there are any."""
-    (ratio, held), (whole, whole_held) = ratios, plain
-    own = "" if whole is None else f", {with_unit(f'{whole.error:.3g}', whole.unit)} or {whole.percent:.2g} % of the torque"
-    theirs = "" if whole_held is None else f", {whole_held.percent:.2g} %"
-    return f"{ratio:.2f} times the noise{own}" + ("" if held is None else f", on records that were not fitted {held:.2f}{theirs}")
-
-
-def record_table(comparison: Comparison) -> tuple[list[str], list[list[str]]]:
-    """Titles and rows: what each record leaves over, in plain units and over its noise."""
-    first = comparison.plain or comparison.plain_held_out
-    titles = [f">error {first.unit}", ">% of torque", f">noise {first.unit}"] if first is not None else []
-    rows = []
-    for r in comparison.records:
-        own = [] if r.plain is None else [f"{r.plain.error:.3g}", f"{r.plain.percent:.3g}", f"{r.plain.noise:.3g}"]
-        rows.append([r.name, *(own or [""] * len(titles)), f"{r.ratio:.2f}", "held out" if r.held_out else ""])
-    upto = f"up to {first.band_hz:g} Hz" if first is not None else ""
-    return ["record", *titles, ">error/noise", upto], rows
 
 
 def fall(before: PlainError | None, after: PlainError | None, of: str = "") -> str:

@@ -43,10 +43,14 @@ OFF = {
 
 def headline_lines(headline: Headline) -> list[Line]:
     """State in colour and word, then the sentence, broken where it is long."""
-    word = tr(headline.word)
-    first, *more = wrap(headline.sentence, WIDE - len(word) - 5, break_on_hyphens=False) or [""]
+    return state_lines(tr(headline.word), headline.sentence, MEANINGS[headline.state])
+
+
+def state_lines(word: str, sentence: str, style: str) -> list[Line]:
+    """First lines of an answer."""
+    first, *more = wrap(sentence, WIDE - len(word) - 5, break_on_hyphens=False) or [""]
     return [
-        Line("  ", (word, MEANINGS[headline.state]), "   ", (first, "title")),
+        Line("  ", (word, style), "   ", (first, "title")),
         *(Line(" " * (len(word) + 5), (part, "title")) for part in more),
     ]
 
@@ -114,22 +118,28 @@ def axis_lines(model: Model, at_m: float, delay_s: float | None = None) -> list[
     return [*rows, *([Line(" " * 12, "   ".join(second))] if second else [])]
 
 
-def model_line(level: float, suspect: bool | None = None) -> Line:
-    """Verdict on the model against what was measured.
+def model_state(level: float, suspect: bool | None = None) -> tuple[str, str, str]:
+    """Verdict on the model against what was measured: the word of its state, a sentence, the style of both.
 
     Parameters
     ----------
     level : float
         Error over the noise.
     """
-    label = ("   ", ""), (f"{tr('model'):<9}", "title")
     if error_floor_words(level):
-        return Line(*label, (tr("leaves {level:.2f} x the noise, less than noise can leave: not judged", level=level), "note"))
+        return tr("NOT JUDGED"), tr("leaves {level:.2f} x the noise, less than noise can leave: not judged", level=level), "note"
     if suspect if suspect is not None else level**2 > SUSPECT_MISFIT:
-        return Line(*label, (tr("does NOT explain what was measured ({level:.2f} x the noise)", level=level), "bad"))
+        return tr("DOES NOT FIT"), tr("does NOT explain what was measured ({level:.2f} x the noise)", level=level), "bad"
     if level > EXPLAINED:
-        return Line(*label, (tr("leaves {level:.2f} x the noise: something is missing", level=level), "note"))
-    return Line(*label, tr("explains everything above the noise ({level:.2f} x)", level=level).ljust(56), (tr("ok"), "good"))
+        return tr("FITS IN PART"), tr("leaves {level:.2f} x the noise: something is missing", level=level), "note"
+    return tr("FITS"), tr("explains everything above the noise ({level:.2f} x)", level=level), "good"
+
+
+def model_line(level: float, suspect: bool | None = None) -> Line:
+    """:func:`model_state` as a line of a screen."""
+    _, sentence, style = model_state(level, suspect)
+    label = ("   ", ""), (f"{tr('model'):<9}", "title")
+    return Line(*label, sentence.ljust(56), (tr("ok"), style)) if style == "good" else Line(*label, (sentence, style))
 
 
 def gain_lines(cascade: Cascade) -> list[Line]:

@@ -5,7 +5,7 @@ RECORD and OTHER are records of the run folder RUN; OTHER lends its torque.  Not
 
 from __future__ import annotations
 
-import re
+import json
 import sys
 import tempfile
 from pathlib import Path
@@ -53,13 +53,12 @@ def said_of(record: Recording, torque: Array, position: Array, place: Path) -> s
     names = COLUMNS.get(record.side, ("torque_nm", "position_rad"))
     write_columns(file, {"t_s": record.t_s, names[0]: torque, names[1]: position})
     closed = ["--closed-loop"] * record.sidecar.closed_loop
-    for words in (["import", str(file), "--run", run, "--set", "name=spoilt", *closed], ["diagnose", run]):
+    for words in (["import", str(file), "--run", run, "--set", "name=spoilt", *closed], ["diagnose", run, "--json"]):
         outcome = CliRunner().invoke(cli, words)
         if outcome.exit_code:
             return f"{words[0]} refused: {outcome.stderr.strip().splitlines()[-1].replace(str(place), '')[:150]}"
-    verdict = re.search(r"Verdict: (.*)", outcome.stdout)
-    named = re.findall(r"^([a-z_]+): .*\.$", outcome.stdout, re.MULTILINE)
-    return f"{verdict[1] if verdict else ''} named: {', '.join(named) or 'nothing'}"
+    found = json.loads(outcome.stdout)
+    return f"{found['verdict']} named: {', '.join(found['named']) or 'nothing'}"
 
 
 def main(run: str, name: str, other: str) -> None:

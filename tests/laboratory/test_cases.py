@@ -208,7 +208,7 @@ def test_fit_and_compare_know_the_filter(filtered: tuple[Path, dict[str, Any]]) 
 
 def test_the_filter_is_told_as_a_property_of_the_drive(filtered: tuple[Path, dict[str, Any]]) -> None:
     run, _ = filtered
-    text = shown("diagnose", str(run), "--no-cost")
+    text = shown("diagnose", str(run), "--no-cost", "--details")
     assert any("filter" in line and "setpoint" in line for line in text.splitlines())
 
 

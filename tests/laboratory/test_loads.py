@@ -119,7 +119,7 @@ def test_loads_that_are_named_are_found_with_intervals(tmp_path: Path) -> None:
     told = json.loads(call("compare", str(run), "--json").stdout)["model"]["parameters"]["motor.inertia"]
     assert (told["value"], told["interval"]) == (model["motor.inertia"].value, model["motor.inertia"].interval)
     outcome = call("diagnose", str(run))
-    assert "Verdict: nothing missing" in outcome.stdout, outcome.output
+    assert "NOTHING MISSING" in outcome.stdout, outcome.output
     outcome = call("add", "cogging", str(run))
     assert outcome.exit_code == 0, outcome.output
     assert "other_inertia_2" in "".join(fitted(run).model.effects)

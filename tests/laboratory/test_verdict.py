@@ -297,7 +297,6 @@ def test_what_the_held_out_records_do_not_confirm_is_said(
     monkeypatch: pytest.MonkeyPatch, verdict: Any, held: Any, said: bool, following: str
 ) -> None:
     monkeypatch.setattr(ladder, "with_intervals", lambda _fitted: BASE)
-    monkeypatch.setattr(ladder, "effect_lines", lambda *_: [])
     quiet = {"objective": 100.0, "problem": SimpleNamespace(pieces=(), samples=10)}
     base, after = (SimpleNamespace(model=BASE, ratio=2.0, held_ratio=ratio, held_residual=(), **quiet) for ratio in held)
     found: Any = SimpleNamespace(
@@ -310,7 +309,7 @@ def test_what_the_held_out_records_do_not_confirm_is_said(
         twins=(),
         verdict=verdict,
     )
-    assert ("Not confirmed: on records that were not fitted the error was 1.49" in "\n".join(ladder.diagnosis_lines(found))) is said
+    assert ("Not confirmed: on records that were not fitted the error was 1.49" in "\n".join(ladder.caveats(found))) is said
     assert following in ladder.after_diagnosis(found, Path("RUN"))[0]
 
 

@@ -1,0 +1,147 @@
+"""Answers of the laboratory on one screen, and what ``--details`` adds to them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from textwrap import wrap
+from typing import Any
+
+from beltcomm.effects import effect_named
+from beltcomm.fit.intervals import with_intervals
+from beltcomm.laboratory.compare import Comparison
+from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis
+from beltcomm.language import tr
+from beltcomm.model import Model
+from beltcomm.result import Line, table, with_unit
+from beltcomm.rundata.cost import cost_rows
+from beltcomm.sentences.diagnosis_data import Plain
+from beltcomm.sentences.ladder import candidate_rows, number_lines
+from beltcomm.sentences.screens import WIDE, model_state, state_lines, warning_lines
+
+#: Records, places, candidates and effects that fit on a screen.
+RECORDS, PLACES, CANDIDATES, EFFECTS = 4, 3, 3, 2
+#: Verdict of a diagnosis -> word of its state, and its style.
+STATES = {
+    "nothing missing": ("NOTHING MISSING", "good"),
+    "explained": ("FOUND", "good"),
+    "partly explained": ("FOUND IN PART", "note"),
+    NONE_EXPLAINS: ("NOT NAMED", "bad"),
+    "cannot tell": ("CANNOT TELL", "note"),
+}
+
+
+def comparison_screen(comparison: Comparison, places: Sequence[str], notes: Sequence[str], doubt: str = "") -> list[str]:
+    """``beltcomm compare`` but for the command to type next.
+
+    Parameters
+    ----------
+    notes : sequence of str
+        What else to look at.
+    doubt : str
+        Why the error says nothing.
+    """
+    word, sentence, style = model_state(max(comparison.ratio, comparison.held_out or 0.0))
+    if doubt:
+        word, sentence, style = tr("NOT JUDGED"), doubt, "note"
+    titles, rows = record_table(comparison)
+    short = [number for number, title in enumerate(titles) if not title.startswith((">error", ">noise"))]
+    ranked = sorted(range(len(rows)), key=lambda number: -comparison.records[number].ratio)
+    worst = sorted(ranked[:RECORDS])
+    left = len(rows) - len(worst)
+    lines: list[str] = [
+        *state_lines(word, f"the model {sentence}" if not doubt else sentence, style),
+        _labelled("error", error_words((comparison.ratio, comparison.held_out), (comparison.plain, comparison.plain_held_out))),
+        *table([titles[n] for n in short], [[rows[number][n] for n in short] for number in worst], "   "),
+        *([f"   {left} more below these: --details"] if left else []),
+    ]
+    if places:
+        lines += [Line("   ", ("where it fails most", "title")), *(Line("     ", place) for place in places[:PLACES])]
+    return [*lines, *warning_lines(notes)]
+
+
+def comparison_details(comparison: Comparison, model: Model) -> list[str]:
+    """Model and records of :func:`comparison_screen` in full."""
+    first = comparison.plain or comparison.plain_held_out
+    apart = (
+        f"{first.unit} and % up to {first.band_hz:g} Hz; x noise at all frequencies, each by its own noise: no quotient." if first else ""
+    )
+    return [f"Model: {', '.join(model.effects)}.", "", *table(*record_table(comparison)), apart, ""]
+
+
+def diagnosis_screen(
+    found: Diagnosis, before: Plain, after: Plain, caveats: Sequence[str], notes: Sequence[str], cost: Mapping[str, Any] | None
+) -> list[str]:
+    """``beltcomm diagnose`` but for what is next.
+
+    Parameters
+    ----------
+    before, after : Plain
+        Errors of the first and of the last model in plain units.
+    caveats : sequence of str
+        What must be known before the answer is believed.
+    notes : sequence of str
+        What else to look at.
+    cost : dict of str to Any or None
+        Tracking errors without and with what was found.
+    """
+    word, style = STATES[found.verdict]
+    named = found.added_effects
+    first, last = found.published_base[1], found.final_fit
+    lines: list[str] = [
+        *state_lines(word, _said(found), style),
+        _labelled("error", error_words((first.ratio, first.held_ratio), before)),
+    ]
+    lines += [_labelled("with it", error_words((last.ratio, last.held_ratio), after))] if named else []
+    lines += candidate_rows(found, CANDIDATES, "   ")
+    model = with_intervals(last)
+    for name in named[:EFFECTS]:
+        effect = effect_named(name)
+        numbers = [line.removeprefix(f"{name}.") for line in number_lines(effect, model)]
+        lines += _block(name, ", ".join(numbers)) if len(numbers) else []
+        lines += [*(_block("causes", effect.causes) if effect.causes else []), *_block("check", effect.check)]
+    if len(named) > EFFECTS:
+        lines.append(f"   and {', '.join(named[EFFECTS:])}: --details")
+    if cost:
+        rows = [f"{what} {old} → {new} µm" for what, old, _, new, _ in cost_rows(cost) if what.endswith("dynamic")]
+        lines += _block("tracking", "; ".join(rows).replace(", dynamic", "") + ", following error without and with it in the controller")
+    return [*lines, *(Line("   ", (f"! {text}", "note")) for text in caveats), *warning_lines(notes)]
+
+
+def _said(found: Diagnosis) -> str:
+    """Sentence of a verdict."""
+    if found.added_effects:
+        return "; ".join(f"{name}: {effect_named(name).title}" for name in found.added_effects)
+    return {
+        "nothing missing": tr("the model explains what was measured"),
+        NONE_EXPLAINS: NONE_EXPLAINS,
+    }.get(found.verdict, "these records cannot tell what the model lacks")
+
+
+def error_words(ratios: tuple[float, float | None], plain: Plain) -> str:
+    """An error over the noise and in plain units, of the fitted records and of those held out where there are any."""
+    (ratio, held), (whole, whole_held) = ratios, plain
+    own = "" if whole is None else f", {whole.percent:.2g} % of torque ({with_unit(f'{whole.error:.3g}', whole.unit)})"
+    theirs = "" if whole_held is None else f", {whole_held.percent:.2g} %"
+    return f"{ratio:.2f} x noise{own}" + ("" if held is None else f"; held out {held:.2f} x{theirs}")
+
+
+def record_table(comparison: Comparison) -> tuple[list[str], list[list[str]]]:
+    """Titles and rows: what each record leaves over, over its noise and in plain units."""
+    first = comparison.plain or comparison.plain_held_out
+    titles = [">% of torque", f">error {first.unit}", f">noise {first.unit}"] if first is not None else []
+    rows = []
+    for r in comparison.records:
+        own = [] if r.plain is None else [f"{r.plain.percent:.3g}", f"{r.plain.error:.3g}", f"{r.plain.noise:.3g}"]
+        rows.append([r.name, f"{r.ratio:.2f}", *(own or [""] * len(titles)), "held out" if r.held_out else ""])
+    return ["record", ">x noise", *titles, ""], rows
+
+
+def _labelled(label: str, text: str) -> Line:
+    return Line("   ", (f"{label:<9}", "title"), text)
+
+
+def _block(label: str, text: str) -> list[Line]:
+    """A labelled text, broken where it is long."""
+    label = f"{label:<9}" if len(label) < 9 else f"{label}  "
+    first, *more = wrap(text, WIDE - 4 - max(9, len(label)), break_on_hyphens=False) or [""]
+    return [_labelled(label, first), *(Line(" " * 12, part) for part in wrap(" ".join(more), WIDE - 13))]
