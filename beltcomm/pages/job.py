@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,8 @@ PARTS = (
     safety.section,
     safety.journal,
 )
+#: Parts that are open at once: what was found, what the axis does, and by which gains.
+FIRST = ("diagnosed", "tracking", "gains")
 
 
 def report(run: Path, *, against: Path | None = None, out: Path | None = None, talk: Talk | None = None) -> Result:
@@ -115,7 +118,7 @@ def page_of(found: Gathered, before: Gathered | None = None) -> Page:
         state,
         facts(found),
         next_steps(found),
-        [*first_part, *(part(found) for part in PARTS)],
+        [*first_part, *(replace(made, folded=made.key not in FIRST) for made in (part(found) for part in PARTS))],
         [f"Made by: {found.command}", *found.remarks],
         changes.named(changed, before, found) if before is not None else (),
     )
@@ -169,8 +172,8 @@ def _model(run: Gathered) -> Fact:
     if found is None:
         return Fact("Model error", "not compared", run.remarks[0] if run.remarks else "beltcomm compare says why", "note")
     _, said, style = model_state(max(found.ratio, found.held_out or 0.0))
-    words = error_words((found.ratio, found.held_out), (found.plain, found.plain_held_out))
-    return Fact("Model error", f"{found.ratio:.2f} × noise", f"{said}; {words}", "good" if style == "good" else "bad")
+    words = error_words((found.ratio, found.held_out), (found.plain, found.plain_held_out)).partition(", ")[2]
+    return Fact("Model error", f"{found.ratio:.2f} × noise", f"{said.partition(' (')[0]}; {words}", "good" if style == "good" else "bad")
 
 
 def _margin(run: Gathered) -> Fact:

@@ -1,8 +1,12 @@
-"""A page of HTML that holds everything it shows: sections of words, numbers, tables and figures as SVG; no script, nothing from outside."""
+"""A page of HTML that holds everything it shows: sections of words, numbers, tables and figures as SVG, and a script that draws the
+curves of a figure with values and zoom; it reads the same without scripts, and asks nothing from outside."""
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import io
+import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -16,6 +20,7 @@ from matplotlib.path import Path
 
 from beltcomm.borders import for_html
 from beltcomm.report import style
+from beltcomm.report.curves import curves_of
 from beltcomm.report.placing import place
 from beltcomm.report.ticks import POINTS_PER_INCH
 
@@ -40,6 +45,9 @@ FOLLOWING = {
     style.NO_DATA: "--nothing",
     style.RESIDUAL: "--blue",
 }
+
+#: What draws the charts of a page: the library of all charts, then the page's own.
+SCRIPTS = (("beltcomm.web", "vendor/uPlot.iife.min.js"), ("beltcomm.report", "page.js"))
 
 #: Dots per inch of what is too dense for lines, as maps are.
 DENSE_DPI = 110
@@ -104,12 +112,15 @@ class Picture:
         Without prologue.
     caption : str
         Command and data.
+    curves : str
+        JSON of its curves, for a chart; "" for a picture of none.
     """
 
     title: str
     sentences: Sequence[str]
     svg: str
     caption: str
+    curves: str = ""
 
 
 @dataclass(frozen=True)
@@ -120,12 +131,15 @@ class Section:
     ----------
     key : str
         Stable, for links and programs.
+    folded : bool
+        Opened by whoever wants it, and in print.
     """
 
     key: str
     title: str
     parts: Sequence[Paragraphs | PageTable | Picture] = ()
     missing: str = ""
+    folded: bool = False
 
 
 @dataclass(frozen=True)
@@ -167,7 +181,8 @@ def picture_of(figure: Figure) -> Picture:
         title = f"{title} {rest}"
     figure.suptitle("")
     figure.supxlabel("")
-    return Picture(title, sentences, svg_of(figure), re.sub(r"\s{2,}", " · ", caption))
+    curves = curves_of(figure)  # before it is drawn, which thins them
+    return Picture(title, sentences, svg_of(figure), re.sub(r"\s{2,}", " · ", caption), curves)
 
 
 def svg_of(figure: Figure) -> str:
@@ -241,15 +256,26 @@ def _thin(axes: Axes, line: Line2D) -> None:
 
 def render(page: Page) -> str:
     """The page as one file of HTML."""
-    from importlib.resources import files
-
     from jinja2 import Environment, StrictUndefined
 
-    source = files("beltcomm.report").joinpath("page.html.j2").read_text(encoding="utf-8")
+    source = _shipped("beltcomm.report", "page.html.j2")
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.tests["number"] = lambda cell: re.fullmatch(r"[-+±−]?[\d.,]+(e[-+]\d+)?( (±|to) [\d.,]+)?", cell) is not None
     environment.filters["part"] = lambda part: type(part).__name__
-    return for_html(environment.from_string(source).render(page=page))
+    script = for_html("\n".join(_shipped(*file) for file in SCRIPTS))
+    allowed = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    style_of_charts = _shipped("beltcomm.web", "vendor/uPlot.min.css")
+    return for_html(
+        environment.from_string(source).render(
+            page=page, script=script, allowed=allowed, style_of_charts=style_of_charts, colours=json.dumps(FOLLOWING)
+        )
+    )
+
+
+def _shipped(package: str, name: str) -> str:
+    from importlib.resources import files
+
+    return files(package).joinpath(name).read_text(encoding="utf-8")
 
 
 class Vectors(RendererSVG):

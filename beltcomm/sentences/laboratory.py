@@ -62,9 +62,7 @@ def comparison_screen(comparison: Comparison, places: Sequence[str], notes: Sequ
 def comparison_details(comparison: Comparison, model: Model) -> list[str]:
     """Model and records of :func:`comparison_screen` in full."""
     first = comparison.plain or comparison.plain_held_out
-    apart = (
-        f"{first.unit} and % up to {first.band_hz:g} Hz; x noise at all frequencies, each by its own noise: no quotient." if first else ""
-    )
+    apart = f"{first.unit} and % up to {first.band_hz:g} Hz; x noise at all frequencies, by its own noise: no quotient." if first else ""
     return [f"Model: {', '.join(model.effects)}.", "", *table(*record_table(comparison)), apart, ""]
 
 

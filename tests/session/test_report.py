@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import json
 import re
 import shutil
@@ -72,7 +74,11 @@ def test_it_needs_nothing_from_outside(page: str, complete: Complete) -> None:
     seen = Seen(page)
     assert not seen.open
     assert all(address.startswith(("#", "data:image/png;base64,")) for address in seen.asked)
-    assert "<script" not in page
+    scripts = re.findall(r"<script([^>]*)>(.*?)</script>", page, re.DOTALL)
+    (run,) = [text for attributes, text in scripts if not attributes]
+    assert {attributes.split(" id=")[0] for attributes, text in scripts if text is not run} == {' type="application/json"'}
+    assert f"script-src 'sha256-{base64.b64encode(hashlib.sha256(run.encode()).digest()).decode()}'" in page
+    assert "default-src 'none'" in page
     assert not re.search(r"url\((?!#)|@import", page)
     assert str(complete.path) not in page
 
