@@ -63,7 +63,7 @@ class TrackingError:
     static_m : float
         The largest once settled.
     overshoot_m : float
-        How far the position went beyond its goal.
+        How far the position went beyond its goal, or beyond its rest where that lies past the goal.
     settling_s : float or None
         From the end of the reference until the error stays within the settled target; None where it never does.
     """
@@ -285,7 +285,8 @@ def tracking_error(t_s: Array, reference_m: Array, position_m: Array, targets: A
     if t_s[-1] < end + STATIC_TO_S - 2e-3 or not np.any(still):
         raise DataError(f"the record ends {t_s[-1] - end:.2f} s after the move; the settled error is read until {STATIC_TO_S} s after it")
     ahead = math.copysign(1.0, reference_m[last] - reference_m[last - 1])  # by the last step: a move there and back ends where it began
-    beyond = float(np.max(ahead * (position_m[last:] - reference_m[last:])))
+    past = ahead * (position_m - reference_m)
+    beyond = float(np.max(past[last:])) - max(0.0, float(np.median(past[still])))  # what it rests past its goal is the settled error
     outside = np.flatnonzero(error[last:] > targets.settled_m)
     settled = 0.0 if not len(outside) else None if outside[-1] + 1 >= len(t_s) - last else float(t_s[last + outside[-1] + 1] - end)
     return TrackingError(float(np.max(error[first : last + 1])), float(np.max(error[still])), max(0.0, beyond), settled)

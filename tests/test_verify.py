@@ -89,6 +89,16 @@ def test_tracking_error_of_a_lagging_axis_is_speed_times_lag() -> None:
     assert error.static_m == pytest.approx(30e-6, rel=1e-9)
 
 
+def test_an_axis_that_rests_past_its_goal_has_overshot_by_no_more_than_it_swung_beyond_its_rest() -> None:
+    t, reference = ramp()
+    beyond = reference + np.where(t >= t[1500], 30e-6, 0.0)
+    assert tracking_error(t, reference, beyond).overshoot_m == pytest.approx(0.0, abs=1e-12)
+    swung = beyond + np.where((t >= t[1500]) & (t < t[1520]), 50e-6, 0.0)
+    assert tracking_error(t, reference, swung).overshoot_m == pytest.approx(50e-6, rel=1e-6)
+    short = reference + np.where((t >= t[1500]) & (t < t[1520]), 50e-6, 0.0) - np.where(t >= t[1520], 30e-6, 0.0)
+    assert tracking_error(t, reference, short).overshoot_m == pytest.approx(50e-6, rel=1e-6)
+
+
 SEEN = [
     (0.3, False, False),
     (0.6, True, False),

@@ -30,7 +30,10 @@ def command(frame: Invocation, /, folder: Path) -> int:
         frame.print({"runs": []}, [f"There is no run in {folder}.", "Next: beltcomm commission --drive virtual   (makes one)"])
         return 0
     words = [str(one["headline"]["word"]) for one in found]
-    rows = [[*(str(one[key]) for key in ("run", "date", "axis", "drive")), tr(word)] for one, word in zip(found, words, strict=True)]
+    rows = [
+        [str(one["run"]), str(one["date"])[5:], str(one["axis"]), _short(str(one["drive"])), tr(word)]
+        for one, word in zip(found, words, strict=True)
+    ]
     frame.print(
         {"runs": found},
         [
@@ -39,6 +42,12 @@ def command(frame: Invocation, /, folder: Path) -> int:
         ],
     )
     return 0
+
+
+def _short(drive: str) -> str:
+    """A drive as it fits into a row: a virtual one without the file of its machine."""
+    scheme, _, behind = drive.partition(":")
+    return scheme if scheme == "virtual" and behind.endswith(".yaml") else drive
 
 
 def _told(path: Path) -> dict[str, Any]:

@@ -171,9 +171,8 @@ class Options:
     def __new__(cls, *_given: object, **named: object) -> Options:
         """Raise UsageError for a name that no option has, with the nearest."""
         known = [one.name for one in fields(cls)]
-        for name in named:
-            if name not in known:
-                raise UsageError(f"Options has no {name}{did_you_mean(name, known) or '; there are ' + ', '.join(known)}")
+        if unknown := [f"{name}{did_you_mean(name, known)}" for name in named if name not in known]:
+            raise UsageError(f"there is no option {', '.join(unknown)}; there are {', '.join(known)}")
         return super().__new__(cls)
 
     def __post_init__(self) -> None:

@@ -72,6 +72,8 @@ class Plan:
         Largest belt force until the drive has stopped when the host is lost in a move, N.
     stop_n : float or None
         Largest belt force in a stop that is asked for in a move, N, beside friction of the guide; None where it is in the experiments.
+    span_m : tuple of float or None
+        Ends of a move on the axis, stopping distance included, m.
     types_gains : bool
         The gains of its drive are set by a person only.
     bare : bool
@@ -90,6 +92,7 @@ class Plan:
     host_loss: tuple[float, float] | None = None
     host_loss_n: float | None = None
     stop_n: float | None = None
+    span_m: tuple[float, float] | None = None
     types_gains: bool = False
     bare: bool = False
 
@@ -321,7 +324,7 @@ def move_plan(
 ) -> Plan:
     """One move."""
     return Plan(
-        f"The carriage of {axis.name or 'the axis'} will {what}.",
+        tr("The carriage of {name} will {what}.", name=axis.name or tr("the axis"), what=what),
         (Experiment("move", travel_m, reach_m, speed_m_s, torque_nm, force_n, seconds, rms_nm),),
         verb=verb,
     )
@@ -345,19 +348,24 @@ def verification_plan(
     travel = float(np.ptp(path.position_m))
     lowest, highest = braking.span_m(path.position_m, path.velocity_m_s, path.sample_period_s)
     seconds = times * (path.duration_s + REST_SECONDS + MOVE_SECONDS) + sign_seconds(axis)
-    what = (
-        f"{sign_words(axis)}go to {path.position_m[0]:.3f} m and from there to {path.position_m[-1]:.3f} m in {path.duration_s:.2f} s "
-        f"with the new gains{f', {times} times' if times > 1 else ''}; "
-        f"a stop at its top speed takes {1e3 * braking.way_m(asked.speed_m_s):.0f} mm with {braking.deceleration_m_s2:.3g} m/s²"
+    what = tr(sign_words(axis)) + tr(
+        "go to {start:.3f} m and from there to {end:.3f} m in {s:.2f} s with the new gains{times}; a stop at its top speed takes "
+        "{way:.0f} mm with {brake:.3g} m/s²",
+        start=path.position_m[0],
+        end=path.position_m[-1],
+        s=path.duration_s,
+        times=tr(", {count} times", count=times) if times > 1 else "",
+        way=1e3 * braking.way_m(asked.speed_m_s),
+        brake=braking.deceleration_m_s2,
     )
     held = held_before_nm(axis)
     ratio, friction = axis.transmission_m_rad, max(total_friction(model), friction_before_nm(axis))
     rms = path_rms_nm(path, model["motor.inertia"], ratio, model["cart.mass"], friction, held)
     at_rest = 1.0 - times * path.duration_s / seconds
     rms = math.sqrt((1.0 - at_rest) * rms**2 + at_rest * (friction + held) ** 2)
-    force_n = max(asked.feed_force_n, stops.asked_for.belt_force_n)
-    plan = move_plan(axis, travel, highest - lowest, asked.speed_m_s, asked.torque_nm, force_n, seconds, what, rms, "verify")
-    return replace(plan, host_loss_n=stops_out_of_move.host_loss_limit_n(axis))
+    plan = move_plan(axis, travel, highest - lowest, asked.speed_m_s, asked.torque_nm, asked.feed_force_n, seconds, what, rms, "verify")
+    lost_n, stop_n = stops_out_of_move.host_loss_limit_n(axis), stops.asked_for.belt_force_n
+    return replace(plan, host_loss_n=lost_n, stop_n=stop_n, span_m=(lowest, highest))
 
 
 def _sweep_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:

@@ -65,7 +65,8 @@ def _bounds(plan: Plan, axis: Axis, capabilities: Capabilities) -> list[Line]:
         upto = f"{tr('up to')} {value:.3g} {unit}"
         rows.append(Line("   ", (f"{label:<13}", "title"), upto.ljust(20), told.ljust(24), (bar(share), style)))
     rows.append(_heat(plan))
-    pause = tr("what does not fit is left out") if plan.over_budget else tr("at most")
+    whole = sum(round(one.seconds) for one in plan.experiments)  # what the entries below add up to
+    pause = tr("of {whole:.0f} s below; what does not fit is left out", whole=whole) if plan.over_budget else tr("at most")
     rows.append(Line("   ", (f"{tr('duration'):<13}", "title"), f"{plan.seconds:.0f} s {tr('in motion')}".ljust(20), pause))
     return rows
 
@@ -82,6 +83,9 @@ def _heat(plan: Plan) -> Line:
 
 def _range(plan: Plan, axis: Axis, reach_m: float) -> str:
     """Range of the carriage, stopping distance included."""
+    if plan.span_m is not None:
+        low, high = (1e3 * end for end in plan.span_m)
+        return tr("{low:.0f} ... {high:.0f} mm on the axis, stopping distance included", low=low, high=high)
     low, high = axis.travel.min_m, axis.travel.max_m
     if plan.window_m is not None:
         return tr(

@@ -88,8 +88,8 @@ def early_end(folder: RunFolder, problem: BeltcommError, talk: Talk) -> Mapping[
         known = _known(folder, key)
         if known is None:
             talk.say(
-                f"This session ends here. Its {len(names)} record{'s' if len(names) > 1 else ''} are searched for what is wrong with the "
-                f"axis, 10 to 60 s; nothing moves (Ctrl-C skips it)."
+                f"This session ends here. Its {len(names)} record{' is' if len(names) == 1 else 's are'} searched for what is wrong with "
+                "the axis, 10 to 60 s; nothing moves (Ctrl-C skips it)."
             )
             known = {**_search(folder, talk), "repeated": False}
         told = {**known, **command}

@@ -26,6 +26,17 @@ from beltcomm.rundata.store import cascade_from_dict, parameters_from_dict, stru
 
 TITLE = "Loops and margins"
 
+#: Columns of the table of margins.
+COLUMNS = {
+    "phase_margin_deg": "velocity: phase °",
+    "gain_margin_db": "gain dB",
+    "suppression_db": "resonance dB",
+    "sensitivity_db": "sensitivity dB",
+    "position_phase_margin_deg": "position: phase °",
+    "position_gain_margin_db": "gain dB",
+    "position_sensitivity_db": "sensitivity dB",
+}
+
 #: Gains in words.
 NAMES = {
     **GAINS,
@@ -48,20 +59,11 @@ def section(run: Gathered) -> Section:
     """Table of margins, Nyquist plots and gains with the measured responses, sensitivity."""
     if not run.design or run.model is None:
         return Section("loops", TITLE, missing=f"No loop was designed; beltcomm design {pasted(run.place)} does.")
-    rows = [
-        (
-            str(m["plant"]),
-            f"{m['phase_margin_deg']:.1f}",
-            f"{m['gain_margin_db']:.1f}",
-            f"{m['suppression_db']:.1f}",
-            f"{m['sensitivity_db']:.1f}",
-            f"{m['position_phase_margin_deg']:.1f}",
-            f"{m['position_sensitivity_db']:.1f}",
-        )
-        for m in run.design["margins"]
-    ]
-    head = ("variant of the model", "phase °", "gain dB", "resonance dB", "sensitivity dB", "position: phase °", "sensitivity dB")
-    parts: list[Paragraphs | PageTable | Picture] = [PageTable(head, rows, "Velocity loop, and the position loop around it.")]
+    rows = [(str(m["plant"]), *(f"{m[key]:.1f}" for key in COLUMNS)) for m in run.design["margins"]]
+    worst = [(max if "suppression" in key or "sensitivity" in key else min)(m[key] for m in run.design["margins"]) for key in COLUMNS]
+    rows.append(("worst of all, as on the screen", *(f"{value:.1f}" for value in worst)))
+    words = "The screen tells the smaller gain margin and the larger sensitivity of both loops."
+    parts: list[Paragraphs | PageTable | Picture] = [PageTable(("variant of the model", *COLUMNS.values()), rows, words)]
     try:
         parts += _pictures(run)
     except BeltcommError as problem:

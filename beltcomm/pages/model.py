@@ -22,6 +22,8 @@ from beltcomm.sentences.words import SHOWN, number
 
 #: Names as everywhere, and of what is never fitted.
 NAMES = {**SHOWN, "transmission.ratio": ("way of the carriage per turn of the motor", "mm", 2e3 * math.pi)}
+#: Entry of axis.yaml -> the parameter that may contradict it.
+PARAMETER_OF = {"belt.specific_stiffness_n": "belt_stiffness.stiffness", "motor.inertia_kg_m2": "motor.inertia"}
 
 
 def section(run: Gathered) -> Section:
@@ -29,10 +31,13 @@ def section(run: Gathered) -> Section:
     if run.model is None:
         return Section("model", "Model", missing=f"There is no model yet; beltcomm fit {pasted(run.place)} makes one.")
     rows = []
+    contradicted = {PARAMETER_OF.get(one.entry): one for one in run.laboratory.sheets} if run.laboratory is not None else {}
     for name, value in run.model.parameters.items():
         words, unit, scale = NAMES.get(name, (name, with_unit("", value.unit).strip(), 1.0))
         sheet, expected, factor = _sheet(run, name), "", ""
-        if sheet is not None:
+        if (doubt := contradicted.get(name)) is not None:  # one number for one thing: that of the sentence below
+            expected, factor = f"{scale * doubt.sheet:.4g}", f"{doubt.factor:.2f}"
+        elif sheet is not None:
             expected = " to ".join(dict.fromkeys(f"{scale * end:.4g}" for end in sheet))
             factor = f"{value.value / min(max(value.value, sheet[0]), sheet[1]):.2f}"
         rows.append((words, _shown(value, scale), unit, value.origin, expected, factor))

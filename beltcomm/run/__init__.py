@@ -383,12 +383,7 @@ def options_of(given: dict[str, Any]) -> Options:
     """
     from beltcomm.api import Options
 
-    try:
-        return Options(**given)
-    except TypeError:
-        known = Options.__dataclass_fields__
-        unknown = [f"{name}{did_you_mean(name, known)}" for name in given if name not in known]
-        raise UsageError(f"there is no option {', '.join(unknown)}; there are {', '.join(known)}") from None
+    return Options(**given)
 
 
 def copy_run(folder: RunFolder, to: Path) -> Path:

@@ -203,7 +203,8 @@ def proof_lines(proof: DesignProof) -> list[Line]:
     """On how many measured responses and drawn models the loop holds, and the worst of them."""
     unstable = [m.record for m in proof.measured if m.stable is False]
     bad = bool(unstable) or proof.spread.unstable > 0
-    text = tr("{count} measured responses", count=len(proof.measured))
+    count = len(proof.measured)
+    text = tr("1 measured response") if count == 1 else tr("{count} measured responses", count=count)
     text += f", {tr('UNSTABLE on')} {', '.join(unstable)}" if unstable else ""
     text += "; " + tr("{count} drawn models, {bad} unstable", count=proof.spread.draws, bad=proof.spread.unstable or tr("none"))
     label = ("   ", ""), (f"{tr('proof'):<9}", "title")

@@ -156,8 +156,8 @@ export function design(ask) {
       horizontal(u, ctx, kind === "db" ? 0 : -180, colour("soft"));
       if (!latest) return;
       const at = crossings(latest.new.open_loops, "velocity");
-      if (kind === "deg" && at.gain) vertical(u, ctx, at.gain[0], `${at.gain[1].toFixed(0)}° margin at ${number(at.gain[0])} Hz`, colour("first"));
-      if (kind === "db" && at.phase) vertical(u, ctx, at.phase[0], `${at.phase[1].toFixed(1)} dB margin at ${number(at.phase[0])} Hz`, colour("first"));
+      if (kind === "deg" && at.gain) vertical(u, ctx, at.gain[0], `velocity loop here: ${at.gain[1].toFixed(0)}° margin at ${number(at.gain[0])} Hz`, colour("first"));
+      if (kind === "db" && at.phase) vertical(u, ctx, at.phase[0], `velocity loop here: ${at.phase[1].toFixed(1)} dB margin at ${number(at.phase[0])} Hz`, colour("first"));
     };
     plots.tracking = chart($("tracking"), { title: "", name: "tracking-error", x: { label: "time, s" }, y: { label: "reference − position, mm", range: () => scales.tracking || [-1, 1] }, height: 200, overlay: (u, ctx) => horizontal(u, ctx, 0, colour("soft")),
       series: [{ name: "motor", look: "first" }, { name: "carriage", look: "second" }, { name: "present, motor", look: "first", width: 1.2, dash: [2, 3] }, { name: "present, carriage", look: "second", width: 1.2, dash: [2, 3] }] });

@@ -14,7 +14,8 @@ from beltcomm.drive.finding import Finding
 from beltcomm.errors import UsageError
 from beltcomm.experiments.agreement import plan_result
 from beltcomm.experiments.options import Options
-from beltcomm.experiments.plan import Experiment, Plan, commission_plan
+from beltcomm.experiments.plan import Experiment, Plan, commission_plan, move_plan
+from beltcomm.experiments.plan_screen import plan_screen
 from beltcomm.experiments.plan_words import commission_points
 from beltcomm.jobs.axis_findings import compared
 from beltcomm.machine.ratings import check_ratings, counts_rating
@@ -75,3 +76,23 @@ def test_doctor_plan_and_commissioning_say_one_thing_of_the_encoder() -> None:
     ]
     assert (found.state, found.remedy) == ("wrong", counts_rating(axis, 65536).remedy)
     assert found.remedy in str(refused.value)
+
+
+def test_the_duration_on_the_screen_is_told_beside_what_its_entries_add_up_to() -> None:
+    with open_drive("virtual:g_a", {"seed": 1}) as drive:
+        lines = plan_screen(commission_plan(RIG, drive.capabilities), RIG, drive.capabilities)
+    (whole,) = [int(found[1]) for line in lines if (found := re.search(r"of (\d+) s below", line))]
+    entries = [int(seconds) for line in lines for seconds in re.findall(r" mm\s*(\d+) s", line)]
+    assert abs(whole - sum(entries)) <= 1  # groups are rounded
+
+
+def test_a_move_that_proves_gains_is_told_by_its_ends_and_its_stop_apart_from_the_limit_of_the_move() -> None:
+    plan = replace(
+        move_plan(RIG, 0.5, 0.547, 1.28, 1.4, 88.7, 7.0, "go", 0.1, "verify"), span_m=(0.0, 0.547), stop_n=108.0, host_loss_n=150.0
+    )
+    with open_drive("virtual:g_a", {"seed": 1}) as drive:
+        text = "\n".join(plan_screen(plan, RIG, drive.capabilities))
+    assert "0 ... 547 mm on the axis" in text
+    assert "a stop up to 108 N beside friction" in text
+    assert "up to 88.7 N" in text
+    assert "where it stands" not in text

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import beltcomm
+from beltcomm import api
 from beltcomm.errors import DataError, UsageError
-from beltcomm.model import load_model
+from beltcomm.model import Value, load_model
 from beltcomm.run import OpenedRun
 
 Copy = Callable[..., Path]
@@ -131,3 +134,23 @@ def test_a_move_is_predicted_without_a_machine(run: OpenedRun) -> None:
     assert heavy.path.belt_force_n > light.path.belt_force_n + 0.5 * payload_kg * limits["acceleration_m_s2"]
     assert "100 to 300 mm" in repr(light)
     assert light.plot()._repr_png_().startswith(b"\x89PNG")
+
+
+def test_a_parameter_is_its_number_in_arithmetic_and_in_text() -> None:
+    mass = Value(13.4, "kg", "cart", 0.0, 100.0, 0.1)
+    assert (float(mass), f"{mass:.2f}", f"{mass}") == (13.4, "13.40", "13.4 ± 0.1 kg")
+    assert (2 * mass, mass * 2, mass + 1, 1 - mass, mass / 2, 26.8 / mass, mass + mass, -mass, abs(mass)) == pytest.approx(
+        (26.8, 26.8, 14.4, -12.4, 6.7, 2.0, 26.8, -13.4, 13.4)
+    )
+    assert isinstance(mass * 2, float)
+    assert math.sqrt(mass**2) == pytest.approx(13.4)
+
+
+def test_an_option_that_there_is_not_is_answered_with_the_nearest() -> None:
+    with pytest.raises(UsageError, match="there is no option paylod, did you mean payload_kg"):
+        api.Options(paylod=1)  # type: ignore[call-arg]
+    assert replace(api.Options(payload_kg=1.0), yes=True).payload_kg == 1.0
+
+
+def test_a_response_without_landmarks_has_no_empty_panel(run: OpenedRun) -> None:
+    assert all(axes.get_lines() for axes in run["frf_1"].frf().plot().figure.get_axes())
