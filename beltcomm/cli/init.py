@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from beltcomm.axis.entries import AT
+from beltcomm.axis.entries import AT, COMMISSION_NEEDS
 from beltcomm.cli import completion
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Invocation
-from beltcomm.cli.questions import Back, ask_number, ask_word, otherwise, reply, tell, toothed, with_key
+from beltcomm.cli.questions import Back, Done, ask_number, ask_word, otherwise, reply, tell, toothed, with_key
 from beltcomm.errors import Refused, UsageError
 from beltcomm.given import pasted
 from beltcomm.language import told, tr
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 _INTRODUCTION = (
     "I ask for the data sheets' values of motor, coupling, pulley, belt and limits. Write a unit if it is not the one in "
     "brackets (0.449 kg cm2, 78 mm, 3000 rpm). Enter means: not known, or keeps the value shown; 'none' means: there is none; 'back' "
-    "goes back to the question before. What commissioning cannot do without is asked once more.\n"
+    "goes back to the question before, 'done' leaves out the rest. What commissioning cannot do without is asked all the same.\n"
 )
 _TITLES = {
     "motor": "Motor",
@@ -131,7 +131,7 @@ def command(
     lines.append(told(terms_of(axis).said(judged)))
     if axis.transmission is not None and axis.rigid:
         lines.append(tr("No stiffness between motor and load is stated: the axis counts as rigid."))
-    lines += [told(f"Still needed: {entry} for {purpose}.") for entry, purpose in missing.items()]
+    lines += [tr("Still needed: {entries}.", entries=", ".join(missing))] if missing else []
     zero = "A drive without an absolute zero is commissioned with --home (it searches its zero) or --position (where the carriage stands)."
     lines.append(terms_of(axis).said(told(zero)))
     if missing:
@@ -372,29 +372,40 @@ def _ask_each(
 
     before: dict[tuple[str, str], Any] = {}  # answered before somebody went back
     asked: list[int] = []
-    at = 0
+    at, done, own = 0, False, KINDS.get(answers.kind)
+    needs = COMMISSION_NEEDS if own is None else own.needs
     while at < len(questions):
         section, name = key = questions[at]
         if key in answers.implied or (name in _ONLY_WITH and answers.told.get((section, _ONLY_WITH[name])) is None):
             at += 1
             continue
+        known = before.get(key, (start.get(section) or {}).get(name))
+        if done and (known is not None or f"{section}.{name}" not in needs):
+            answers.told[key] = known
+            at += 1
+            continue
         if not asked or questions[asked[-1]][0] != section:
             tell(f"\n{tr(_title(section, answers.kind))}")
-        default = before.get(key, (start.get(section) or {}).get(name))
         try:
             where = f"[{at + 1}/{len(questions)}] "
             if name == "name":
-                answers.told[key] = reply(where + tr("Type"), default or "", back=True)
+                answers.told[key] = reply(where + tr("Type"), known or "", back=True)
             elif name == "at":
                 load = KINDS[answers.kind].load if answers.kind else AT[1]
                 question = tr("Where targets count: motor, carriage or both").replace("carriage", load)
-                answers.told[key] = ask_word(where + question, (AT[0], load, AT[2]), default or "")
+                answers.told[key] = ask_word(where + question, (AT[0], load, AT[2]), known or "")
             else:
                 fault = partial(answers.fault, section, name)
-                value, text = ask_number(f"{section}.{name}", name, entries[section][name], default, fault, where, answers.kind)
+                value, text = ask_number(f"{section}.{name}", name, entries[section][name], known, fault, where, answers.kind)
                 answers.told[key] = value
                 if name == "effective_radius_m":
                     answers.implied = toothed(text)
+        except Done:
+            if done:  # said again, of one that is needed
+                answers.told[key] = None
+                at += 1
+            done = True
+            continue
         except Back:
             at = asked.pop() if asked else 0
             before[questions[at]] = answers.told.pop(questions[at], None)

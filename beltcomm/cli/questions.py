@@ -32,7 +32,7 @@ _OTHERWISE = {
     "pole_pair_m": "32 mm",
     "pinion_radius_m": "or teeth x module: 20 x 2 mm; or travel per turn: 200 mm/rev",
 }
-_NONE, _BACK = ("none", "no", "-"), ("back", "<")
+_NONE, _BACK, _DONE = ("none", "no", "-"), ("back", "<"), ("done", "fertig")
 _TEETH = re.compile(r"(\d+)\s*(?:teeth)?\s*[x×*]\s*(.+)", re.IGNORECASE)
 _TRAVEL_PER_TURN = ("lead_m", "pole_pair_m")
 _MODULE = re.compile(r"(\d+)\s*(?:teeth)?\s*[x×*]\s*(?:module|m)?\s*(.+)", re.IGNORECASE)
@@ -48,6 +48,10 @@ def with_key(key: str, name: str, text: str) -> float:
 
 class Back(Exception):
     """The question before is asked again."""
+
+
+class Done(Exception):
+    """Of the questions that are left only those are asked that commissioning needs an answer to."""
 
 
 def ask_number(
@@ -157,7 +161,7 @@ def reply(question: str, default: str, shown: str = "", *, back: bool = False) -
     Raises
     ------
     UsageError
-        When stdin is closed, Back for that word.
+        When stdin is closed, Back and Done for those words.
     """
     kept = f" ({tr('Enter keeps')} {shown or default})" if default else ""
     click.echo(fitted(f"{question}{kept}:", sys.stderr) + " ", nl=False, err=True)
@@ -167,4 +171,6 @@ def reply(question: str, default: str, shown: str = "", *, back: bool = False) -
         raise UsageError("nobody answers (stdin is closed); give the values with --set KEY=VALUE, or --yes for none")
     if back and line.strip().lower() in _BACK:
         raise Back
+    if back and line.strip().lower() in _DONE:
+        raise Done
     return line.strip() or default

@@ -20,8 +20,6 @@ ComplexArray = NDArray[np.complex128]
 LEAST_EXCITATION, FIRST_LINE = 0.05, 3
 #: s, the mean that takes the encoder's rounding out of a record that is not excited.
 MEAN_S = 0.02
-#: Samples to one that counts, within which an excited record's model is drawn as a line.
-NEAR = 4
 
 
 @dataclass(frozen=True)
@@ -171,10 +169,26 @@ def compared(trace: Trace) -> tuple[Array, Array]:
     """Torque measured and by the model where it counts; means of ``MEAN_S`` for a record that is not excited."""
     known = np.isfinite(trace.white)
     if trace.excited:  # of its samples every second or fourth counts
-        return trace.measured, np.where(np.convolve(known, np.ones(2 * NEAR + 1), mode="same") > 0.5, trace.model, np.nan)
+        return trace.measured, np.where(_between(known), trace.model, np.nan)
     model = np.where(known, trace.model, np.nan)
     width = max(1, round(MEAN_S / float(np.nanmedian(np.diff(trace.t_s)))))
     return running_mean(np.where(known, trace.measured, np.nan), width), running_mean(model, width)
+
+
+def _between(known: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Samples that count and those between two of them at their usual distance.
+
+    At a reversal none counts: there friction takes any value up to its level, and the model jumps.
+    """
+    counted = np.flatnonzero(known)
+    if len(counted) < 2:
+        return known
+    gaps = np.diff(counted)
+    usual = int(np.bincount(gaps).argmax()) + 1
+    edges = np.zeros(len(known) + 1)
+    np.add.at(edges, counted[:-1][gaps <= usual], 1.0)
+    np.add.at(edges, counted[1:][gaps <= usual] + 1, -1.0)
+    return (np.cumsum(edges[:-1]) > 0.5) | known
 
 
 def running_mean(values: Array, width: int) -> Array:

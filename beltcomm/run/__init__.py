@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from beltcomm.axis import Axis
-from beltcomm.configfiles import did_you_mean
 from beltcomm.control import Cascade
 from beltcomm.errors import UsageError
 from beltcomm.given import Place, number, place, word

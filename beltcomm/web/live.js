@@ -79,7 +79,15 @@ export function live(ask) {
     const made = `${found.done.length} record${found.done.length === 1 ? " is" : "s are"} finished.`;
     $("live-words").textContent = running ? `${whose} is at work. ${made}` : session.name === shown && shown ? `${whose} is over. ${made}` : found.done.length ? `No session is at work in this run; ${made} A session that is begun in a terminal, by \`beltcomm commission\`, is shown by \`beltcomm open\` on its run while it lasts.` : "No session is at work in this run.";
     $("phase").hidden = !running || !found.phase;
-    if (!running || !found.phase) return;
+    if (!running || !found.phase) {
+      if ($("headline").dataset.live) dispatchEvent(new Event("saved")); // what the run is now is told anew
+      delete $("headline").dataset.live;
+      return;
+    }
+    $("headline").dataset.live = "yes";
+    $("headline").className = "told note";
+    $("headline").replaceChildren(element("b", {}, "IN PROGRESS"), ` ${found.phase.title}, ${found.phase.number} of ${found.phase.count}`);
+    $("headline").hidden = false;
     $("phase-words").textContent = `${found.phase.number}/${found.phase.count} ${found.phase.title}${record ? `: ${record.name}` : ""}`;
     $("phase-share").value = planned ? Math.min(elapsed / planned, 1) : 0;
     $("phase-left").textContent = planned ? `${Math.round(left)} of ${Math.round(planned)} s in motion left` : "";

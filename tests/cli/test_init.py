@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from click.testing import CliRunner, Result
 
 from beltcomm.axis import Axis, load_axis
 from beltcomm.axis.answers import USUAL, in_words, parts, usual, with_part
-from beltcomm.axis.entries import SECTIONS, entries_of, meaning_of
+from beltcomm.axis.entries import COMMISSION_NEEDS, SECTIONS, entries_of, meaning_of
 from beltcomm.axis.kinds import KINDS
 from beltcomm.axis.written import commented
 from beltcomm.cli.main import cli
@@ -150,3 +151,14 @@ def test_the_schemas_know_what_is_shipped(file: str, folder: str) -> None:
 def test_the_schema_of_a_plan_knows_its_steps() -> None:
     kinds = {one["properties"]["kind"]["const"]: set(one["properties"]) - {"kind"} for one in schema("plan")["steps"]["items"]["oneOf"]}
     assert kinds == {kind: set(keys) for kind, keys in KEYS.items()}
+
+
+def test_done_leaves_out_all_that_commissioning_does_not_need(tmp_path: Path) -> None:
+    path = tmp_path / "axis.yaml"
+    answers = ["belt", "", "", "mine", "", "0.5 kg cm2", "done", *["done"] * 20]
+    outcome = call("init", str(path), answer="\n".join(answers) + "\n")
+    assert outcome.exit_code == 0, outcome.output
+    assert load_axis(path).motor.inertia_kg_m2 == pytest.approx(0.5e-4)
+    questions = re.findall(r"\[(\d+)/\d+\]", outcome.output)
+    assert questions[:3] == ["1", "2", "3"]
+    assert len(questions) == 3 + len([entry for entry in COMMISSION_NEEDS if entry != "motor.inertia_kg_m2"])

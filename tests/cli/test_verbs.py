@@ -113,10 +113,10 @@ def test_an_empty_axis_still_needs_all_that_commissioning_requires(tmp_path: Pat
     with pytest.raises(UsageError) as refused:
         suitable(load_axis(path))
     for entry in COMMISSION_NEEDS:
-        assert f"Still needed: {entry} for" in outcome.stdout
+        assert re.search(rf"Still needed: .*{re.escape(entry)}", outcome.stdout)
         assert entry in str(refused.value)
     assert "Next: beltcomm commission" not in outcome.stdout
-    assert "Still needed: motor.inertia_kg_m2 for" in outcome.stdout
+    assert "Still needed: motor.inertia_kg_m2" in outcome.stdout
     assert f"    beltcomm init {path} --from {path}\n" in outcome.stdout
 
 

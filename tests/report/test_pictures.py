@@ -15,7 +15,7 @@ from beltcomm.report import page, style
 from beltcomm.report.overlay import overlay_figure
 from beltcomm.report.page import svg_of
 from beltcomm.report.staircase import RecordChange, Stair, change_figure, staircase_figure
-from beltcomm.residuals.responses import NEAR, Trace, compared
+from beltcomm.residuals.responses import Trace, compared
 
 CAPTION = style.Caption("beltcomm compare RUN", "RUN/recordings, 3 records")
 
@@ -104,8 +104,19 @@ def test_a_model_is_drawn_where_it_counts() -> None:
     for excited in (True, False):
         measured, model = compared(Trace("r", False, time, torque + 0.1, torque, white, excited, Units()))
         shown = np.flatnonzero(np.isfinite(model))
-        reach = NEAR if excited else 20
+        reach = 1 if excited else 20
         assert abs(shown[0] - 501) <= reach
         assert abs(shown[-1] - 999) <= reach
         assert len(shown) == shown[-1] - shown[0] + 1
         assert measured[shown] - model[shown] == pytest.approx(0.1)
+
+
+def test_a_model_is_not_drawn_at_a_reversal_which_does_not_count() -> None:
+    time = np.arange(2000) * 1e-3
+    white = np.full(len(time), 0.3)
+    model = np.zeros(len(time))
+    for at in range(200, 2000, 200):
+        white[at - 2 : at + 2], model[at - 1 : at + 1] = np.nan, 0.1
+    _, shown = compared(Trace("r", False, time, np.zeros(len(time)), model, white, True, Units()))
+    assert np.nanmax(np.abs(shown)) == 0.0
+    assert np.isfinite(shown).sum() > 1900
