@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
+from inspect import signature
 from pathlib import Path
 from typing import get_args
 
@@ -288,6 +289,10 @@ class Options:
         if axis is not None:
             found["nameplate"] = nameplate_of(axis)
         return {**found, **self.drive}
+
+
+#: Names and defaults as ever, for help and notebooks: ``__new__`` only looks at the names.
+setattr(Options, "__signature__", signature(Options.__init__).replace(parameters=list(signature(Options.__init__).parameters.values())[1:]))  # noqa: B010
 
 
 def settings_of(options: Options) -> Settings:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from beltcomm.arrays import Array
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -50,6 +52,8 @@ def _of_data(line: Line2D, axes: Axes) -> bool:
 
 def _curve(line: Line2D) -> dict[str, Any]:
     """One line; {} for one that is a mark, or holds no number."""
+    x: Array
+    y: Array
     x, y = (np.ma.filled(np.ma.asarray(values, dtype=float), np.nan) for values in line.get_data())
     if len(x) < LEAST or not np.isfinite(x).any() or not np.isfinite(y).any():
         return {}
