@@ -84,8 +84,8 @@ def _heat(plan: Plan) -> Line:
 def _range(plan: Plan, axis: Axis, reach_m: float) -> str:
     """Range of the carriage, stopping distance included."""
     if plan.span_m is not None:
-        low, high = (1e3 * end for end in plan.span_m)
-        return tr("{low:.0f} ... {high:.0f} mm on the axis, stopping distance included", low=low, high=high)
+        first, last = (1e3 * end for end in plan.span_m)
+        return tr("{low:.0f} ... {high:.0f} mm on the axis, stopping distance included", low=first, high=last)
     low, high = axis.travel.min_m, axis.travel.max_m
     if plan.window_m is not None:
         return tr(
