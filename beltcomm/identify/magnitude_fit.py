@@ -12,7 +12,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 from scipy.optimize import least_squares, minimize
 from scipy.special import stdtrit
 
@@ -71,8 +70,6 @@ class MagnitudeFit:
         rms that noise alone would leave.
     transmission_m_rad : float
         i_t.
-    sampled : bool
-        Fitted to the sampled response, else to the continuous one.
     remarks : tuple of str
         Sentences on bias, bounds, and what this record cannot determine.
     """
@@ -85,7 +82,6 @@ class MagnitudeFit:
     noise_db: float
     transmission_m_rad: float
     solver: Solver
-    sampled: bool
     remarks: tuple[str, ...]
 
     @property
@@ -128,50 +124,16 @@ def product_form(freq_hz: Array, theta: Mapping[str, Array | float], transmissio
     return np.asarray((m_c * s**2 + d_c * s + c) / (rigid * (mu * s**2 + delta * s + c)), dtype=np.complex128)
 
 
-def sampled_product_form(
-    freq_hz: Array, theta: Mapping[str, float], transmission_m_rad: float, sample_period_s: float
-) -> NDArray[np.complex128]:
-    """Exact sampled response of (2.42) to a torque held from each instant to the next, rad/(N m).
-
-    G(z) = C (zI - e^(A T_s))^-1 ∫ e^(Aτ) dτ B,   z = exp(Iω T_s)
-
-    Arguments as :func:`product_form`, one parameter set.  The flexible part stands before the rigid one, time in units of
-    1/ω_r, so that a double integrator (no damping) is no special case.  Raises nothing.
-    """
-    total, rigid_damping, mu, delta = (float(v) for v in _combined_coefficients(theta, transmission_m_rad))
-    c, d_c, m_c = theta["stiffness_n_m"], theta["cart_damping_n_s_m"], theta["mass_kg"]
-    omega = np.sqrt(c / mu)
-    # Flexible part in s' = s/ω_r: (β s'^2 + γ s' + 1)/(s'^2 + ε s' + 1), states 2 and 3; rigid part: states 0 and 1.
-    beta, gamma, epsilon = m_c / mu, d_c * omega / c, delta * omega / c
-    matrix = np.zeros((5, 5))
-    matrix[0, 1] = 1.0
-    matrix[1] = [0.0, -rigid_damping / (total * omega), 1.0 - beta, gamma - beta * epsilon, beta]
-    matrix[2, 3] = 1.0
-    matrix[3] = [0.0, 0.0, -1.0, -epsilon, 1.0]
-    step = expm(matrix * (omega * sample_period_s))
-    z = np.exp(2j * np.pi * freq_hz * sample_period_s)
-    # The flexible part does not feel the rigid one: solved from below, in closed form.
-    determinant = (z - step[2, 2]) * (z - step[3, 3]) - step[2, 3] * step[3, 2]
-    x_2 = ((z - step[3, 3]) * step[2, 4] + step[2, 3] * step[3, 4]) / determinant
-    x_3 = ((z - step[2, 2]) * step[3, 4] + step[3, 2] * step[2, 4]) / determinant
-    x_1 = (step[1, 4] + step[1, 2] * x_2 + step[1, 3] * x_3) / (z - step[1, 1])
-    x_0 = (step[0, 4] + step[0, 1] * x_1 + step[0, 2] * x_2 + step[0, 3] * x_3) / (z - 1.0)
-    return np.asarray(x_0 / (total * omega**2), dtype=np.complex128)
-
-
 def fit_magnitude(
     response: FrequencyResponse,
     transmission_m_rad: float,
     inertia_kg_m2: float | None,
     *,
     solver: Solver = "lm",
-    sampled: bool = False,
-    lowest_hz: float = 0.0,
-    highest_hz: float | None = None,
 ) -> MagnitudeFit:
     """Fit p = [m_c, c, d_m, d_c] of (2.42), and Θ_e where it is not known, to the magnitude of a response.
 
-    J(p) = Σ (20 lg |Ĝ(f_i)| - 20 lg |G(f_i; p)|)²  →  min      over a nearly log-spaced subset of lines
+    J(p) = Σ (20 lg |Ĝ(f_i)| - 20 lg |G(f_i; p)|)²  →  min      over a nearly log-spaced subset of lines up to 0.2/T_s
 
     Start values come from a grid over antiresonance, resonance and damping; the best three are refined.  Intervals are
     those of the linearised problem with the variance J*/(n - p), so a misfit widens them.
@@ -184,10 +146,6 @@ def fit_magnitude(
         Θ_e at the motor shaft, kg m²; None fits it too.
     solver : Solver
         "lm" Levenberg-Marquardt (bounds by a sine transform), "trf" trust region reflective, "nelder-mead".
-    sampled : bool
-        Compare with the exactly sampled response; the thesis compares with the continuous one.
-    lowest_hz, highest_hz : Hz
-        Lines within; by default up to 0.2/T_s, sampled up to 0.45/T_s.
 
     Raises
     ------
@@ -204,22 +162,16 @@ def fit_magnitude(
         raise UsageError(f"i_t = {transmission_m_rad} m/rad and Θ_e = {inertia_kg_m2} kg m² must be positive")
     if solver not in ("lm", "trf", "nelder-mead"):
         raise UsageError(f"solver {solver!r} is not known; choose lm, trf or nelder-mead")
-    chosen = chosen_lines(response, MOST_LINES, lowest_hz, highest_hz, sampled)
+    chosen = chosen_lines(response, MOST_LINES, HIGHEST_CONTINUOUS)
     measured_db = _decibel(chosen.h)
-    highest_start_hz = HIGHEST_CONTINUOUS / response.sample_period_s
-    few = log_spaced_lines(chosen.freq_hz, N_START_LINES, lowest_hz, highest_start_hz)
+    few = log_spaced_lines(chosen.freq_hz, N_START_LINES, 0.0, HIGHEST_CONTINUOUS / response.sample_period_s)
     starts = _start_values(chosen.freq_hz[few], measured_db[few], transmission_m_rad, inertia_kg_m2)
 
     names = tuple(name for name in PARAMETERS if name != "inertia_kg_m2" or inertia_kg_m2 is None)
     given = {} if inertia_kg_m2 is None else {"inertia_kg_m2": inertia_kg_m2}
 
     def residual_db(theta: Mapping[str, float]) -> Array:
-        complete = {**given, **theta}
-        if sampled:
-            model = sampled_product_form(chosen.freq_hz, complete, transmission_m_rad, response.sample_period_s)
-        else:
-            model = product_form(chosen.freq_hz, complete, transmission_m_rad)
-        return measured_db - _decibel(model)
+        return measured_db - _decibel(product_form(chosen.freq_hz, {**given, **theta}, transmission_m_rad))
 
     problems = [_Problem(names, start, residual_db) for start in starts]
     fits = [problem.solve(solver) for problem in problems]
@@ -234,7 +186,7 @@ def fit_magnitude(
         for name, description in PARAMETERS.items()
     }
     noise_db = float(np.sqrt(np.mean((20 / np.log(10) * chosen.noise / np.abs(chosen.h)) ** 2 / 2)))
-    fit = MagnitudeFit(parameters, names, correlation, chosen.freq_hz, residual, noise_db, transmission_m_rad, solver, sampled, ())
+    fit = MagnitudeFit(parameters, names, correlation, chosen.freq_hz, residual, noise_db, transmission_m_rad, solver, ())
     return replace(fit, remarks=_remarks(fit, at_bound, converged))
 
 
@@ -341,19 +293,18 @@ def _decibel(h: NDArray[np.complex128]) -> Array:
     return np.asarray(20.0 * np.log10(np.abs(h)), dtype=np.float64)
 
 
-def chosen_lines(response: FrequencyResponse, n_lines: int, lowest_hz: float, highest_hz: float | None, sampled: bool) -> FrequencyResponse:
-    """Lines within the band that are not noise, thinned to a nearly log-spaced subset."""
-    if highest_hz is None:
-        highest_hz = (HIGHEST_SAMPLED if sampled else HIGHEST_CONTINUOUS) / response.sample_period_s
+def chosen_lines(response: FrequencyResponse, n_lines: int, highest_share: float) -> FrequencyResponse:
+    """Lines up to a share of the sampling frequency that are not noise, thinned to a nearly log-spaced subset."""
+    highest_hz = highest_share / response.sample_period_s
     clear = np.flatnonzero((np.abs(response.h) > 0) & (response.noise <= LARGEST_NOISE * np.abs(response.h)))
-    clear = clear[(response.freq_hz[clear] >= lowest_hz) & (response.freq_hz[clear] <= highest_hz)]
+    clear = clear[response.freq_hz[clear] <= highest_hz]
     fewest = 2 * len(PARAMETERS)
     if len(clear) < fewest:
         raise DataError(
-            f"{len(clear)} lines with noise below {LARGEST_NOISE:.0%} of the response lie between {lowest_hz:.3g} and "
+            f"{len(clear)} lines with noise below {LARGEST_NOISE:.0%} of the response lie between 0 and "
             f"{highest_hz:.4g} Hz, {fewest} are needed; raise the amplitude, repeat more periods or lengthen the period"
         )
-    return response.lines(clear[log_spaced_lines(response.freq_hz[clear], n_lines, lowest_hz, highest_hz)])
+    return response.lines(clear[log_spaced_lines(response.freq_hz[clear], n_lines, 0.0, highest_hz)])
 
 
 def _start_values(freq_hz: Array, measured_db: Array, transmission_m_rad: float, inertia_kg_m2: float | None) -> list[dict[str, float]]:

@@ -14,7 +14,7 @@ from scipy.special import stdtrit
 
 from beltcomm.arrays import Array
 from beltcomm.axis import Axis
-from beltcomm.identify.magnitude_fit import chosen_lines
+from beltcomm.identify.magnitude_fit import HIGHEST_SAMPLED, chosen_lines
 from beltcomm.model import Model, Value, build_model
 from beltcomm.model.linear import operating_point, sampled_response
 from beltcomm.response import FrequencyResponse
@@ -70,7 +70,7 @@ def fit_magnitudes(
     places_m : dict of str to float
         Of the responses, m.
     """
-    chosen = {name: chosen_lines(r, LINES, 0.0, None, True) for name, r in responses.items()}
+    chosen = {name: chosen_lines(r, LINES, HIGHEST_SAMPLED) for name, r in responses.items()}
     if not chosen:
         return None
     models = [linear_model(start, axis)]
