@@ -197,7 +197,7 @@ def predict_move(
     plant.time_s = time_s
     sent = SetpointGrid(trajectory.sample_period_s, structure.period_s, len(trajectory.t_s))
     reference, speed = sent.on_loop(trajectory.position_m / ratio), sent.on_loop(trajectory.velocity_m_s / ratio)
-    added = np.zeros(len(reference)) if extra_torque_nm is None else sent.held(extra_torque_nm)
+    added = np.zeros(len(reference)) if extra_torque_nm is None else sent.zero_order_hold(extra_torque_nm)
     run = close_loop(plant, cascade, drive.simulated, "position", reference, speed, added)
     step = 2.0 * math.pi / drive.counts_per_rev
     error = reference - (reference[0] + np.floor(run.position_rad / step + 0.5) * step)

@@ -411,7 +411,7 @@ def test_a_move_that_friction_may_hold_beside_its_target_is_driven_slower(
     own = SimpleNamespace(sample_period_s=PERIOD_S)
     machine: Any = SimpleNamespace(drive=SimpleNamespace(capabilities=own), axis=SimpleNamespace(targets=AxisTargets()))
     monkeypatch.setattr(verification, "_rests_m", lambda *of: 2e-4 * (whole.duration_s / of[-1].duration_s) ** (2 if helps else 0))
-    monkeypatch.setattr(verification, "leads", lambda *_: False)
+    monkeypatch.setattr(verification, "uses_led_reference", lambda *_: False)
     found = verification._settling(machine, None, None, 0.0, standard)  # type: ignore[arg-type]
     assert (found.at(1.0, PERIOD_S).duration_s > whole.duration_s) == slower
     assert ("friction may hold it 0.2 mm off after 0.5 s" in found.remark) == slower

@@ -490,14 +490,14 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
         trajectory = settings.move
     else:
         standard = verification.slowed_move(machine, model, cascade, delay(findings))
-        if verification.leads(machine.drive, machine.axis, cascade):
+        if verification.uses_led_reference(machine.drive, machine.axis, cascade):
             learn_gains(machine, model, cascade, delay(findings), standard, settings.payloads_kg)
         trajectory, remark = verification.within_target(machine, model, cascade, delay(findings), standard)
         if remark:
             findings.remarks.append(remark)
         if trajectory.duration_s > standard.at(1.0, trajectory.sample_period_s).duration_s:
             findings.reservations.append("this drive cannot follow the standard move within the target, only slower ones")
-    sending: Sending = "led" if verification.leads(machine.drive, machine.axis, cascade) else "nothing"
+    sending: Sending = "led" if verification.uses_led_reference(machine.drive, machine.axis, cascade) else "nothing"
     findings.proof = proof(cascade, trajectory, settings.payloads_kg, sending if sending == "led" else "")
     findings.move_name = name = move_name(machine.folder, findings.proof)
     findings.verdict, findings.demand = verify_move(

@@ -312,14 +312,14 @@ def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = P
         _feel_loop(machine, target_m, model, slow_m_s)
     limits, period = gentle_limits(machine, model, slow_m_s), machine.drive.capabilities.sample_period_s
 
-    def way(share: float) -> Trajectory:
+    def plan_to_target(share: float) -> Trajectory:
         plan = partial(plan_trajectory, machine.position_m, target_m, sample_period_s=period)
         return with_dwell(stoppable(machine, limits.slower(share), plan), 0.3)
 
     for _ in range(POSITIONING_TRIES):  # the velocity loop ends a little beside its goal
         if abs(machine.position_m - target_m) < ARRIVED_M:
             return
-        path, envelope = positioning(machine, way, positioning_envelope)
+        path, envelope = positioning(machine, plan_to_target, positioning_envelope)
         machine.run(machine.follow(path, machine.stroking()), envelope)
     if abs(machine.position_m - target_m) > ASTRAY_M:
         raise SafetyStop(

@@ -167,7 +167,7 @@ def worst_stops(
     if machine.sends_feedforward and kind in machine.drive.capabilities.torque_along:  # what the host sends does not end with it
         along = along + feedforward_torque(running.feedforward, sent.velocity_m_s / ratio, sent.sample_period_s)
         running = replace(running, feedforward=Feedforward(velocity=running.feedforward.velocity))
-    references = References(position, speed, grid.held(along))
+    references = References(position, speed, grid.zero_order_hold(along))
     start_m = float(sent.position_m[0])
     try:
         resting = SimulatedPlant(model, start_m)

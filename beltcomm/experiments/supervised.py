@@ -233,7 +233,7 @@ class Supervised:
 
     def _put_note(self) -> None:
         if self._note is not None and not self._noted:
-            self._note.put(self._run, self._initial)
+            self._note.write_locked(self._run, self._initial)
             self._noted = True
 
     def _as_found(self) -> bool:

@@ -136,7 +136,7 @@ def predicted_stops(machine: Machine, model: Model, cascade: Cascade, delay_s: f
     """The worst stops out of a move, with a led reference where the drive gets one."""
     path = predicted(machine, model, cascade, delay_s, trajectory)
     drive, sent, running = in_drive(machine, delay_s), with_dwell(trajectory, REST_S), cascade
-    if leads(machine.drive, machine.axis, cascade):
+    if uses_led_reference(machine.drive, machine.axis, cascade):
         running = as_in_drive(machine.folder, cascade)
         sent = led_reference(model, sent, running, drive.structure, delay_s).sent
     return worst_stops(machine, model, running, drive, sent, allowed_lag_m(path))
@@ -179,7 +179,7 @@ def admissible(machine: Machine, model: Model, start: float, end: float, limits:
     return limits.slower(pace), f"the move was slowed down, because at the speed asked for {'; '.join(broken)}"
 
 
-def leads(drive: Drive, axis: Axis, cascade: Cascade) -> bool:
+def uses_led_reference(drive: Drive, axis: Axis, cascade: Cascade) -> bool:
     """True if the reference is led by the inverse of the drive's cascade: known gains without feedforward, on a level axis."""
     own = drive.capabilities
     return own.gains != "unknown" and can_lead(own.structure, cascade) and not axis.mounting.tilted
@@ -197,7 +197,7 @@ def predict_led(
 def predicted(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> PredictedMove:
     """A move and the rest after it, with a led reference where the drive gets one."""
     drive, path = in_drive(machine, delay_s), with_dwell(trajectory, REST_S)
-    if not leads(machine.drive, machine.axis, cascade):
+    if not uses_led_reference(machine.drive, machine.axis, cascade):
         return predict_move(model, cascade, path, drive)
     running = as_in_drive(machine.folder, cascade)
     return predict_led(model, running, led_reference(model, path, running, drive.structure, delay_s), drive)
@@ -244,7 +244,7 @@ def within_target(machine: Machine, model: Model, cascade: Cascade, delay_s: flo
     One that takes longer than ``LONGEST_SLOW_MOVE_S`` is only named; a short one at constant speed takes its place, in which the
     integrator must break friction free within the target.
     """
-    if leads(machine.drive, machine.axis, cascade):
+    if uses_led_reference(machine.drive, machine.axis, cascade):
         return _led_within_target(machine, model, cascade, delay_s, standard)
     period, following_m = machine.drive.capabilities.sample_period_s, machine.axis.targets.following_m
     start, end = standard.start_m, standard.end_m
@@ -289,7 +289,7 @@ def _settling(machine: Machine, model: Model, cascade: Cascade, delay_s: float, 
     move leaves less.  Where it sticks hangs on the last digits of model and start, so that the range of what is not known counts.
     """
     period, targets, share = machine.drive.capabilities.sample_period_s, machine.axis.targets, 1.0
-    if not standard.chosen or leads(machine.drive, machine.axis, cascade):
+    if not standard.chosen or uses_led_reference(machine.drive, machine.axis, cascade):
         return standard
     rests = first = _rests_m(machine, model, cascade, delay_s, standard.at(share, period))
     while rests > targets.settled_m:

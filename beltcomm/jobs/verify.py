@@ -161,7 +161,7 @@ def verify_with(
         raise Refused(
             f"the gains of {structure.name} cannot be read, so no reference can be led by the inverse of its loops; leave led out"
         )
-    if feedforward == "led" or (feedforward is None and verification.leads(drive, axis, cascade)):
+    if feedforward == "led" or (feedforward is None and verification.uses_led_reference(drive, axis, cascade)):
         sending = "led"
     driven: list[tuple[str, Verdict, Demand]] = []
     learnt = Learnt()

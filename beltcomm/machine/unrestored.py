@@ -65,7 +65,7 @@ class Note:
                 f"(`beltcomm rollback --drive {pasted(self.hardware.name)} --run RUN`), then delete the note"
             ) from error
 
-    def put(self, run: Path | None, objects: Sequence[ObjectValue]) -> None:
+    def write_locked(self, run: Path | None, objects: Sequence[ObjectValue]) -> None:
         """Write the note and keep it locked.   Raises UsageError when it cannot be kept: then nothing may be changed."""
         told = {
             "drive": self.hardware.name,

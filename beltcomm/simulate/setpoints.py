@@ -48,7 +48,7 @@ class SetpointGrid:
         """Setpoints (count,) as the loop has them, one entry per run of it."""
         return values if self._same else np.asarray(np.interp(self._loops_s() - self.lag_s, self._sent_s(), values))
 
-    def held(self, values: Array) -> Array:
+    def zero_order_hold(self, values: Array) -> Array:
         """Values (count,) that act from their setpoint to the next, one entry per run of the loop."""
         if self._same:
             return values

@@ -90,14 +90,14 @@ class References:
     def lost_at(self, at: int, runs: int) -> tuple[Array, Array, Array]:
         """Those up to run ``at``; then the last stand still for ``runs`` runs."""
 
-        def held(values: Array, last: float) -> Array:
+        def then_at_rest(values: Array, last: float) -> Array:
             return np.concatenate((values[:at], np.full(runs, last)))
 
         last = at - 1
         return (
-            held(self.position_rad, float(self.position_rad[last])),
-            held(self.speed_rad_s, float(self.speed_rad_s[last])),
-            held(self.added_nm, float(self.added_nm[last])),
+            then_at_rest(self.position_rad, float(self.position_rad[last])),
+            then_at_rest(self.speed_rad_s, float(self.speed_rad_s[last])),
+            then_at_rest(self.added_nm, float(self.added_nm[last])),
         )
 
 

@@ -194,7 +194,7 @@ def compare(rig: LoopRig | None = None) -> IdentificationStudy:
     held = without_reversal(rig, signal, "torque", strong)
     at = operating_point(model, rig.stands_m, 1.0)
 
-    def way(name: str, found: FrequencyResponse, record: Record) -> Way:
+    def judge(name: str, found: FrequencyResponse, record: Record) -> Way:
         true = sampled_response(model, at, found.freq_hz, PERIOD_S)
         off = 20.0 * np.log10(np.abs(found.h / true))
         low, high = ((found.freq_hz >= a) & (found.freq_hz < b) for a, b in (LOW_HZ, HIGH_HZ))
@@ -213,16 +213,16 @@ def compare(rig: LoopRig | None = None) -> IdentificationStudy:
     hold = feedback(strong, stronger.freq_hz, PERIOD_S, "velocity")
     path = setpoint_path(weak, by_setpoint.freq_hz, PERIOD_S)
     ways = (
-        way("open loop, standing", angle_response(stands, stands.torque), stands),
-        way("direct, as loud", angle_response(loud, loud.torque), loud),
-        way("direct", direct, moves),
-        way("indirect, C as it runs", without_dead_time(from_torque_excitation(through, controller)), moves),
-        way("indirect, C continuous", without_dead_time(from_torque_excitation(through, continuous(weak, through.freq_hz))), moves),
-        way("indirect, C 20 % off", without_dead_time(from_torque_excitation(through, WRONG * controller)), moves),
-        way("strong loop, direct", angle_response(held, held.torque), held),
-        way("strong loop, indirect", without_dead_time(from_torque_excitation(stronger, hold)), held),
-        way("strong, C 20 % off", without_dead_time(from_torque_excitation(stronger, WRONG * hold)), held),
-        way(
+        judge("open loop, standing", angle_response(stands, stands.torque), stands),
+        judge("direct, as loud", angle_response(loud, loud.torque), loud),
+        judge("direct", direct, moves),
+        judge("indirect, C as it runs", without_dead_time(from_torque_excitation(through, controller)), moves),
+        judge("indirect, C continuous", without_dead_time(from_torque_excitation(through, continuous(weak, through.freq_hz))), moves),
+        judge("indirect, C 20 % off", without_dead_time(from_torque_excitation(through, WRONG * controller)), moves),
+        judge("strong loop, direct", angle_response(held, held.torque), held),
+        judge("strong loop, indirect", without_dead_time(from_torque_excitation(stronger, hold)), held),
+        judge("strong, C 20 % off", without_dead_time(from_torque_excitation(stronger, WRONG * hold)), held),
+        judge(
             "speed setpoint",
             without_dead_time(from_setpoint_excitation(by_setpoint, feedback(weak, by_setpoint.freq_hz, PERIOD_S, "velocity"), path)),
             asked,

@@ -30,7 +30,7 @@ def test_a_loop_reaches_each_setpoint_before_the_next_one_comes(seed: int) -> No
     np.testing.assert_allclose(grid.on_loop(values), hand[: len(grid.on_loop(values))], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(grid.in_loop(values), hand[::ratio], rtol=1e-9, atol=1e-9)
     assert grid.lag_s == pytest.approx((ratio - 1) * loop_s)
-    held = grid.held(values)
+    held = grid.zero_order_hold(values)
     np.testing.assert_array_equal(held, np.repeat(values, ratio)[: len(held)])
     ramp = np.arange(len(held), dtype=np.float64)
     np.testing.assert_allclose(grid.at_samples(ramp), ratio * np.arange(count))
@@ -41,7 +41,7 @@ def test_where_the_periods_are_one_nothing_is_touched() -> None:
     values, grid = np.arange(5.0), SetpointGrid(1e-3, 1e-3, 5)
     for found in (
         grid.on_loop(values),
-        grid.held(values),
+        grid.zero_order_hold(values),
         grid.in_loop(values),
         grid.at_samples(values),
         grid.latest(values),
