@@ -42,6 +42,7 @@ NEW_SETPOINT: Final = 1 << 4  # in mode 1
 DISABLE_VOLTAGE: Final = 0x0000
 QUICK_STOP: Final = 0x0002
 FAULT_RESET: Final = 0x0080
+RESET_TIME_S: Final = 1.0  # in which a fault that is acknowledged must be gone
 
 #: Statusword bits.
 FAULTED: Final = 1 << 3
@@ -177,13 +178,13 @@ class StateMachine:
         what = "reported an error" if self._link.emergency else "went into fault"
         return DriveFault(f"the drive {what} while {doing}: {text}; remove the cause, then start again", code)
 
-    def reset_fault(self, timeout_s: float = 1.0) -> None:
+    def reset_fault(self) -> None:
         """Acknowledge a fault, if there is one; the drive is left disabled.  Raises DriveFault when it stays."""
         if not self.statusword() & FAULTED:
             return
         for command in (DISABLE_VOLTAGE, FAULT_RESET):  # the edge of bit 7 counts
             self._objects.write(0x6040, 0, "uint16", command)
-        cleared = self._wait(lambda word: not word & FAULTED, timeout_s)
+        cleared = self._wait(lambda word: not word & FAULTED, RESET_TIME_S)
         self._objects.write(0x6040, 0, "uint16", DISABLE_VOLTAGE)
         if not cleared:
             raise self.fault("resetting its fault, which is still there")

@@ -40,11 +40,13 @@ class ModelStudy:
     springs : dict of str to ndarray
         c1, c2, c3 and the replacement c over TRAVEL_M, N/m.
     parameter_sets : dict of str to ComplexArray
-        S_A, S_B, S_C, responses at FREQ_HZ. published.
-    recomputed : dict of str to tuple of float
+        S_A, S_B, S_C, responses at FREQ_HZ.
+    published, recomputed : dict of str to tuple of float
         f_r and f_z of all sets, Hz.
     places : dict of float to ComplexArray
         Responses of the rig of its data sheets at three places.
+    place_modes : dict of float to tuple of float
+        f_r and f_z there, Hz.
     approximations : dict of str to ComplexArray
         (2.40) to (2.42) and the exact (2.39) of S_A.
     cart : dict of str to ComplexArray

@@ -14,7 +14,6 @@ class Code:
     """EMCY error codes this drive produces (CiA 301, table 26; CiA 402 error codes; 808xh is the maker's)."""
 
     I2T = 0x2312
-    UNDERVOLTAGE = 0x3220
     MOTOR_TEMPERATURE = 0x4310
     LOWER_SWITCH, UPPER_SWITCH = 0x8081, 0x8082
     COMMUNICATION = 0x8100
