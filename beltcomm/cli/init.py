@@ -371,9 +371,8 @@ def _ask_each(
     from beltcomm.axis.kinds import KINDS
 
     before: dict[tuple[str, str], Any] = {}  # answered before somebody went back
-    asked: list[int] = []
-    at, done, own = 0, False, KINDS.get(answers.kind)
-    needs = COMMISSION_NEEDS if own is None else own.needs
+    asked, at, done = list[int](), 0, False
+    needs = KINDS[answers.kind].needs if answers.kind in KINDS else COMMISSION_NEEDS
     while at < len(questions):
         section, name = key = questions[at]
         if key in answers.implied or (name in _ONLY_WITH and answers.told.get((section, _ONLY_WITH[name])) is None):

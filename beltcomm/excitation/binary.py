@@ -17,6 +17,7 @@ from beltcomm.excitation.record import (
     REST_BEFORE_S,
     WIDEST_LINE_SPACING_HZ,
     Excitation,
+    RecordTooShort,
     check_band,
     finish,
 )
@@ -251,11 +252,7 @@ def choose_prbs(sample_period_s: float, lowest_hz: float, highest_hz: float, dur
     enough = [clock for clock in fitting if repeats[clock] >= FEWEST_REPEATS]
     if not enough:
         shortest_s = min(1.0 / prbs_band(n, c, sample_period_s)[0] for c, n in fitting.items())
-        needed_s = duration_s - for_periods_s + (1 + FEWEST_REPEATS) * shortest_s
-        raise Refused(
-            f"{duration_s:.3g} s are too short for one period of run-in and {FEWEST_REPEATS} measured periods of "
-            f"{shortest_s:.3g} s; allow {needed_s:.3g} s or raise the lowest frequency above {lowest_hz:.3g} Hz"
-        )
+        raise RecordTooShort(duration_s, for_periods_s, shortest_s, lowest_hz)
     clock = enough[0]
     order = fitting[clock]
     line_hz, zero_hz = prbs_band(order, clock, sample_period_s)

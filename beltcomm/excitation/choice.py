@@ -10,7 +10,7 @@ from math import floor
 
 from scipy.fft import next_fast_len
 
-from beltcomm.errors import Refused, UsageError
+from beltcomm.errors import UsageError
 from beltcomm.excitation.binary import ZERO_OVER_HIGHEST, PrbsChoice, choose_prbs, gprbs
 from beltcomm.excitation.record import (
     FEWEST_REPEATS,
@@ -19,6 +19,7 @@ from beltcomm.excitation.record import (
     REST_BEFORE_S,
     WIDEST_LINE_SPACING_HZ,
     Excitation,
+    RecordTooShort,
     check_band,
 )
 from beltcomm.excitation.sines import multisine
@@ -101,11 +102,7 @@ def choose(
     left_s = duration_s - REST_BEFORE_S - REST_AFTER_S - 2.0 * sample_period_s
     repeats = floor(left_s / (period * sample_period_s) + 1e-9) - 1
     if repeats < FEWEST_REPEATS:
-        raise Refused(
-            f"{duration_s:.3g} s are too short for one period of run-in and {FEWEST_REPEATS} measured periods of "
-            f"{period * sample_period_s:.3g} s; allow {duration_s - left_s + (1 + FEWEST_REPEATS) * period * sample_period_s:.3g} s or "
-            f"raise the lowest frequency above {lowest_hz:.3g} Hz"
-        )
+        raise RecordTooShort(duration_s, left_s, period * sample_period_s, lowest_hz)
     band = (
         max(BELOW_LOWEST * lowest_hz, 1.0 / (period * sample_period_s)),
         min(ABOVE_HIGHEST * highest_hz, UP_TO_NYQUIST * nyquist_hz),

@@ -69,6 +69,23 @@ def check_band(sample_period_s: float, lowest_hz: float, highest_hz: float, dura
         )
 
 
+class RecordTooShort(Refused):
+    """A record without time for one period of run-in and the fewest measured ones.
+
+    Attributes
+    ----------
+    needed_s : float, s
+        The shortest that has.
+    """
+
+    def __init__(self, duration_s: float, for_periods_s: float, period_s: float, lowest_hz: float) -> None:
+        self.needed_s = duration_s - for_periods_s + (1 + FEWEST_REPEATS) * period_s
+        super().__init__(
+            f"{duration_s:.3g} s are too short for one period of run-in and {FEWEST_REPEATS} measured periods of {period_s:.3g} s; "
+            f"allow {self.needed_s:.3g} s or raise the lowest frequency above {lowest_hz:.3g} Hz"
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class Excitation:
     """One torque record that starts and ends at rest; ``torque[n]`` acts from sample n to n + 1.

@@ -13,6 +13,7 @@ import numpy as np
 from beltcomm.control import Cascade
 from beltcomm.effects.belt_spans import stiffness as stiffness_of_spans
 from beltcomm.errors import NoMotion, Refused
+from beltcomm.excitation.record import RecordTooShort
 from beltcomm.experiments import phases, stops_out_of_move, verification
 from beltcomm.experiments.paths import Course, path_of, start_of
 from beltcomm.experiments.raising import GROWTH
@@ -30,6 +31,8 @@ from beltcomm.verify import predict_move
 
 #: s of machine time per frequency response: rest, one run-in period, three to four measured ones.
 RESPONSE_S = 7.0
+#: The same where an antiresonance is so low that its periods need it, at most; s, beyond what rounding makes of it.
+LONGEST_RESPONSE_S, ROUNDING_S = 30.0, 1e-3
 #: A quiet excitation lies above the friction by this factor, or nothing would move.
 OVER_FRICTION = 1.1
 #: Share of the belt's force that a hard motion may ask for, and periods of the antiresonance that its acceleration rises in: less would
@@ -144,13 +147,14 @@ def at_place(machine: Machine, model: Model) -> Model:
 
 
 def short_if_possible(respond_for: Callable[[float], Answer], wanted_s: float) -> Answer:
-    """A response of the seconds asked for; of ``RESPONSE_S`` where a low antiresonance needs longer periods than those have time for."""
+    """A response of the seconds asked for; of ``RESPONSE_S``, or longer, where a low antiresonance needs longer periods than fit in."""
     try:
         return respond_for(wanted_s)
-    except Refused:
-        if wanted_s >= RESPONSE_S:
+    except Refused as refusal:
+        longer_s = max(RESPONSE_S, refusal.needed_s + ROUNDING_S) if isinstance(refusal, RecordTooShort) else RESPONSE_S
+        if not wanted_s < longer_s <= LONGEST_RESPONSE_S:
             raise
-        return respond_for(RESPONSE_S)
+        return respond_for(longer_s)
 
 
 def holding_at(sweep: Recording, ratio: float, position_m: float) -> float | None:

@@ -20,7 +20,8 @@ from beltcomm.fit.noise_level import torque_noise
 from beltcomm.fit.segment import Segment, evaluate_each, segments
 from beltcomm.fit.seldom import clearly_moves, comes_seldom
 from beltcomm.fit.torque_path import FAITHFUL, TorquePath
-from beltcomm.model import BASE_BODIES, Model, Value, build_model, expected_parameters
+from beltcomm.model import BASE_BODIES, Model, build_model, expected_parameters
+from beltcomm.model.value import Value
 from beltcomm.recording import Recording
 from beltcomm.simulate.stopping import unknown_loads_kg, usual_load_kg
 

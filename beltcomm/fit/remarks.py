@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtri_exp
 
 from beltcomm.effects import effect_named
-from beltcomm.model import Value
+from beltcomm.model.value import Value
 
 Array = NDArray[np.float64]
 

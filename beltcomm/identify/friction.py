@@ -13,7 +13,7 @@ from scipy.special import stdtrit
 
 from beltcomm.arrays import Array
 from beltcomm.errors import DataError, UsageError
-from beltcomm.model import Value
+from beltcomm.model.value import Value
 
 #: Change of the reference velocity from row to row that is rounding and not acceleration, over the largest reference velocity.
 CONSTANT_WITHIN = 1e-6

@@ -17,8 +17,8 @@ from scipy.special import stdtrit
 
 from beltcomm.arrays import Array
 from beltcomm.errors import DataError, UsageError
-from beltcomm.model import Value
 from beltcomm.model.transfer import TwoMass
+from beltcomm.model.value import Value
 from beltcomm.response import FrequencyResponse, log_spaced_lines
 
 Solver = Literal["lm", "trf", "nelder-mead"]

@@ -22,7 +22,8 @@ from beltcomm.fit.noise_level import torque_noise
 from beltcomm.fit.segment import segments
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.magnitude_fit import MagnitudeFit, fit_magnitude
-from beltcomm.model import Model, Value
+from beltcomm.model import Model
+from beltcomm.model.value import Value
 from beltcomm.recording import Recording
 from beltcomm.response import estimate_response
 from beltcomm.simulate.forward import integrate_torque

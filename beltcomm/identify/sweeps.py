@@ -16,7 +16,7 @@ from scipy.special import stdtrit
 
 from beltcomm.errors import DataError
 from beltcomm.identify.friction import FrictionFit, Plateau, find_plateaus, fit_friction
-from beltcomm.model import Value
+from beltcomm.model.value import Value
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar
 

@@ -15,8 +15,9 @@ from scipy.special import stdtrit
 from beltcomm.arrays import Array
 from beltcomm.axis import Axis
 from beltcomm.identify.magnitude_fit import HIGHEST_SAMPLED, chosen_lines
-from beltcomm.model import Model, Value, build_model
+from beltcomm.model import Model, build_model
 from beltcomm.model.linear import operating_point, sampled_response
+from beltcomm.model.value import Value
 from beltcomm.response import FrequencyResponse
 
 #: Fitted in logarithms, which keeps them positive.

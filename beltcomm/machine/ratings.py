@@ -128,7 +128,8 @@ def check_ratings(axis: Axis, capabilities: Capabilities) -> list[str]:
     found = ratings(axis, capabilities)
     wrong = [rating.words() for rating in found if rating.wrong]
     if wrong:
-        raise UsageError("; ".join(wrong))
+        own = ". `--drive virtual:AXIS.yaml` plays the machine that your axis.yaml describes" if "plant" in capabilities.identity else ""
+        raise UsageError("; ".join(wrong) + own)
     counted = counts_rating(axis, capabilities.encoder_counts_per_rev or capabilities.counts_per_rev)
     return [counted.words()] if counted.share != 1.0 else []
 

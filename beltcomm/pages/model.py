@@ -9,7 +9,7 @@ import numpy as np
 from beltcomm.fit.start import knows_stiffness
 from beltcomm.given import pasted
 from beltcomm.laboratory.compare import worst
-from beltcomm.model import Value
+from beltcomm.model.value import Value
 from beltcomm.pages import pictures
 from beltcomm.pages.gather import Gathered
 from beltcomm.report.page import PageTable, Paragraphs, Picture, Section, picture_of

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.standstill import Standstill
 from beltcomm.identify.sweeps import Drift, LoadDependence, Sweep
-from beltcomm.model import Value
+from beltcomm.model.value import Value
 from beltcomm.report.style import FAINT, HELD_OUT, MEASURED, MODEL, RESIDUAL, SEVERE, Caption, figure, styled
 
 COLOURS = (MODEL, RESIDUAL, MEASURED, HELD_OUT, SEVERE, FAINT)

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 from beltcomm.configfiles import did_you_mean
 from beltcomm.errors import UsageError
 from beltcomm.given import number
-from beltcomm.model import Model, Value
+from beltcomm.model import Model
 from beltcomm.model.linear import StateSpace, operating_point, state_space
+from beltcomm.model.value import Value
 from beltcomm.result import html_of, table, with_unit
 from beltcomm.run.record import import_pandas
 

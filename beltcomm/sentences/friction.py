@@ -12,7 +12,7 @@ import numpy as np
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.standstill import Standstill
 from beltcomm.identify.sweeps import Drift, LoadDependence, Sweep, clear
-from beltcomm.model import Value
+from beltcomm.model.value import Value
 from beltcomm.result import table
 from beltcomm.schedule.strokes import DEFAULT
 from beltcomm.sentences.words import number

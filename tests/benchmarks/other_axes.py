@@ -14,7 +14,8 @@ from typing import NamedTuple
 from beltcomm import api
 from beltcomm.axis import Axis, load_axis
 from beltcomm.axis.kinds import ARC_M
-from beltcomm.model import Model, Value, load_model, load_plant
+from beltcomm.model import Model, load_model, load_plant
+from beltcomm.model.value import Value
 from beltcomm.runfolder import RunFolder
 
 #: Virtual plant -> shipped axis.

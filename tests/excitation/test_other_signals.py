@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from beltcomm.errors import Refused, UsageError
 from beltcomm.excitation import Excitation, chirp, choose, detection_lines, gprbs, multisine
+from beltcomm.excitation.record import RecordTooShort
 from beltcomm.given import EXCITATION_KINDS, ExcitationKind
 
 Array = NDArray[np.float64]
@@ -138,3 +139,13 @@ def test_what_cannot_be_is_said(kind: ExcitationKind) -> None:
 def test_an_unknown_kind_is_said() -> None:
     with pytest.raises(UsageError, match="choose prbs, gprbs, chirp, multisine"):
         choose("noise", T_S, 20.0, 130.0, 8.0)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("kind", EXCITATION_KINDS)
+def test_a_record_too_short_says_how_long_is_enough(kind: ExcitationKind) -> None:
+    """An antiresonance of 2 Hz has periods of some 5 s and more; what is answered does, a hundredth less does not."""
+    with pytest.raises(RecordTooShort, match="allow") as short:
+        choose(kind, T_S, 2.0, 60.0, 7.0)
+    choose(kind, T_S, 2.0, 60.0, short.value.needed_s + 1e-3)
+    with pytest.raises(RecordTooShort):
+        choose(kind, T_S, 2.0, 60.0, 0.99 * short.value.needed_s)

@@ -15,7 +15,7 @@ from beltcomm.cli.main import cli
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.intervals import with_intervals
 from beltcomm.fit.loads_found import own_loads
-from beltcomm.model import Value
+from beltcomm.model.value import Value
 from beltcomm.recording.signalfile import write_columns
 from beltcomm.rundata.fitted_run import open_fitted
 from beltcomm.talk import Silence

@@ -132,7 +132,7 @@ def test_a_page_obeys_nobody() -> None:
     for given in TEXTS[:30]:
         html = render(Page(given, given, given, "good", [], [given]))
         assert obeyed(html) == []
-        assert "</script>" not in html
+        assert html.count("</script>") == render(Page("", "", "", "good", [], [""])).count("</script>")
 
 
 def test_a_stranger_s_axis_in_a_command(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from session.drawn_axis import commissioned
         430,  # a coarse encoder told ten times the viscous friction: it went further than was foreseen, and its strokes left the travel
         441,  # wandered out of its first excitation
         446,  # soft belt: its breakaway told half of its friction, and a weak loop did not move it
+        552,  # an antiresonance at 3 Hz: its periods did not fit into the seconds of a response
         210,  # its strokes did not fit into its travel, then it left that with a weak first loop
     ],
 )

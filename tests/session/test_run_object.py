@@ -14,7 +14,8 @@ import pytest
 import beltcomm
 from beltcomm import api
 from beltcomm.errors import DataError, UsageError
-from beltcomm.model import Value, load_model
+from beltcomm.model import load_model
+from beltcomm.model.value import Value
 from beltcomm.run import OpenedRun
 
 Copy = Callable[..., Path]
