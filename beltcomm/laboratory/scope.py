@@ -13,10 +13,11 @@ from dataclasses import replace
 import numpy as np
 
 from beltcomm.effects import EFFECTS
+from beltcomm.fit.intervals import rounded_share
 from beltcomm.fit.noise_level import noise_doubt
 from beltcomm.identify.landmarks import shape_of
 from beltcomm.laboratory.compare import compare
-from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, Stage
+from beltcomm.laboratory.diagnosis import NOISE_KNOWN, NONE_EXPLAINS, Diagnosis, Stage
 from beltcomm.laboratory.plain_error import unexplained_words
 from beltcomm.laboratory.samples import units_of
 from beltcomm.model import Model
@@ -31,6 +32,8 @@ DRIVE_SLOTS, FAR_OFF_BASE = ("torque_delay", "torque_reading"), 10.0
 OF_DRIVE = frozenset(name for name, slot in SLOTS.items() if slot in DRIVE_SLOTS)
 #: Time constant of a current loop over the sampling period of which no more than e⁻⁴ is left when the torque is read at the period's end.
 SETTLED = 0.25
+#: Share of the noise's power from which on it is mostly rounding.
+MOSTLY_ROUNDING = 0.5
 #: Share of the sampling rate up to which a resonance is sampled well enough.
 SWING_SAMPLED = 0.2
 #: Error over the noise up to which the noise of strokes alone explains it: simulated healthy machines read 0.93 to 1.17 there.
@@ -53,7 +56,7 @@ def restrict_to_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tupl
     sentence = unknown_delivery(found, recordings)
     if sentence and found.verdict != "nothing missing":
         return without_names(found, OF_DRIVE), [sentence]
-    if sentence := settled_loop(found):
+    if sentence := settled_loop(found) or structure_of_rounding(found):
         return replace(found, verdict="cannot tell"), [sentence]
     unnamed = not_named(found.base.model, recordings)
     if not unnamed:
@@ -147,6 +150,20 @@ def settled_loop(found: Diagnosis) -> str:
         f"A lag of {1e3 * time_s:.2g} ms explains it, and a current loop as fast as that has settled when the drive reads its torque: "
         "whether it is the drive's, or lies behind it, these records do not tell. The design counts it either way; a record at a shorter "
         "sample period would tell."
+    )
+
+
+def structure_of_rounding(found: Diagnosis) -> str:
+    """That what is left is no more than the noise, most of which is rounding that goes with the motion, in words; "" where it is not."""
+    fitted = found.final_fit
+    if found.verdict != NONE_EXPLAINS or found.added_effects or not fitted.problem.samples:
+        return ""
+    if fitted.objective / fitted.problem.samples >= NOISE_KNOWN or rounded_share(fitted) < MOSTLY_ROUNDING:
+        return ""
+    return (
+        f"What is left is no more than the noise ({fitted.ratio:.2f} times), but not random. Most of that noise is the rounding of the "
+        "encoder, which goes with the motion, too: whether something is missing these records do not tell. A longer sample period, or a "
+        "finer encoder, would tell."
     )
 
 

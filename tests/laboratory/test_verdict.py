@@ -19,11 +19,11 @@ from beltcomm.fit.torque_path import DriveLaw, Lag, TorquePath
 from beltcomm.jobs import effect_search, laboratory
 from beltcomm.laboratory import acceptance, backward_elimination, diagnosis
 from beltcomm.laboratory.acceptance import is_negligible, only_cancels, share_left
-from beltcomm.laboratory.diagnosis import Diagnosis, Stage, verdict_of
+from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, Stage, verdict_of
 from beltcomm.laboratory.forward_selection import Candidate
 from beltcomm.laboratory.plausibility import KNOWN, implausible_effects, parameters_at_bounds, undetermined_effects
 from beltcomm.laboratory.residual_structure import excess, partitions
-from beltcomm.laboratory.scope import OF_DRIVE, settled_loop, unknown_delivery, without_names
+from beltcomm.laboratory.scope import OF_DRIVE, settled_loop, structure_of_rounding, unknown_delivery, without_names
 from beltcomm.laboratory.score import Scorer
 from beltcomm.model import build_model
 from beltcomm.recording import Recording
@@ -54,6 +54,15 @@ def test_a_lag_as_short_as_a_settled_current_loop_s_may_be_the_drive_s(period_s:
     data = cast(Data, SimpleNamespace(path=TorquePath(DriveLaw(1.0, lags)), recordings=[SimpleNamespace(sample_period_s=period_s)]))
     found = Diagnosis(base, data, (Stage(base, (), "current_lag", (), lagging),), "explained", (), cast(Scorer, None), data)
     assert ("0.2 ms" in settled_loop(found)) == told
+
+
+@pytest.mark.parametrize(("step_rad", "level", "told"), [(6e-3, 1.0, True), (1e-6, 1.0, False), (6e-3, 1.5, False)])
+def test_what_a_coarse_encoder_leaves_in_step_with_the_motion_is_no_finding(step_rad: float, level: float, told: bool) -> None:
+    piece = SimpleNamespace(step_rad=step_rad, motion=SimpleNamespace(sample_s=1e-3), noise_nm=0.01)
+    problem = SimpleNamespace(pieces=[piece], samples=1000)
+    base = cast(Fitted, SimpleNamespace(model=BASE, ratio=1.0, objective=1000.0 * level, problem=problem))
+    found = Diagnosis(base, cast(Data, None), (Stage(base, (), "", (), base),), NONE_EXPLAINS, (), cast(Scorer, None), cast(Data, None))
+    assert ("rounding" in structure_of_rounding(found)) == told
 
 
 def test_without_a_setpoint_no_effect_that_a_drive_has_is_named_behind_another_name() -> None:
