@@ -89,7 +89,7 @@ def shaken_samples(position: Array, setpoint: Array, inertia: float, sample_s: f
 
 
 def sparse_creep(position: Array, keep: NDArray[np.bool_], sample_s: float, step_rad: float) -> NDArray[np.bool_]:
-    """Samples of a motor that creeps in one direction, of which but a part counts, (n,).
+    """Samples of a motor that creeps evenly in one direction, of which but a part counts, (n,).
 
     Which of them count there the steps of the encoder say, and a controller that answers to each of these makes their torque another one
     than that of the rest.
@@ -105,9 +105,9 @@ def sparse_creep(position: Array, keep: NDArray[np.bool_], sample_s: float, step
     step_rad : float
         Of the encoder, rad.
     """
-    creeps, _ = creeping_samples(position, sample_s, step_rad)
+    _, even = creeping_samples(position, sample_s, step_rad)
     width = 2 * max(2, round(CREEP_S / sample_s)) + 1
-    return np.asarray(creeps & (uniform_filter1d(keep.astype(np.float64), width, mode="nearest") < DENSE))
+    return np.asarray(even & (uniform_filter1d(keep.astype(np.float64), width, mode="nearest") < DENSE))
 
 
 def _goes_back(path: Array, span: int, step: float) -> NDArray[np.bool_]:

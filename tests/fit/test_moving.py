@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltcomm.fit.moving import CREEP_S, creeping_samples, samples_between_counts, shaken_samples
+from beltcomm.fit.moving import CREEP_S, creeping_samples, samples_between_counts, shaken_samples, sparse_creep
 
 PERIOD_S, STEP_RAD = 1e-3, 2e-3
 TIME_S = np.arange(0.0, 2.0, PERIOD_S)
@@ -58,3 +58,13 @@ def test_a_setpoint_that_jumps_at_every_count_shakes_a_creeping_motor() -> None:
     assert shaken_samples(counted(0.2 * TIME_S), setpoint, inertia, PERIOD_S)[INSIDE].all()
     assert not shaken_samples(counted(2.0 * TIME_S), setpoint, inertia, PERIOD_S)[INSIDE].any()
     assert not shaken_samples(counted(0.2 * TIME_S), np.full(len(TIME_S), 0.1), inertia, PERIOD_S).any()
+
+
+def test_of_an_even_creep_that_counts_in_part_nothing_counts() -> None:
+    """Which samples count the steps of the encoder say then; a motor that vibrates on its way, as under an excitation, is another case."""
+    counts_in_part, all_count = np.arange(len(TIME_S)) % 3 == 0, np.ones(len(TIME_S), dtype=bool)
+    creeping = counted(0.2 * TIME_S)
+    assert sparse_creep(creeping, counts_in_part, PERIOD_S, STEP_RAD)[INSIDE].all()
+    assert not sparse_creep(creeping, all_count, PERIOD_S, STEP_RAD)[INSIDE].any()
+    vibrating = counted(0.2 * TIME_S + 3.0 * STEP_RAD * np.sin(2.0 * np.pi * 15.0 * TIME_S))
+    assert not sparse_creep(vibrating, counts_in_part, PERIOD_S, STEP_RAD).any()

@@ -114,7 +114,7 @@ def test_loads_that_are_named_are_found_with_intervals(tmp_path: Path) -> None:
     assert inside(model["other_inertia.inertia"], INERTIA + DISC, 0.004)
     assert inside(model["other_inertia_2.inertia"], INERTIA + CUP, 0.004)
     assert max(found.ratio, found.held_ratio or 9.0) < 1.05
-    outcome = call("compare", str(run))
+    outcome = call("compare", str(run), "--details")
     assert "in b, d with 'disc'" in outcome.stdout, outcome.output
     told = json.loads(call("compare", str(run), "--json").stdout)["model"]["parameters"]["motor.inertia"]
     assert (told["value"], told["interval"]) == (model["motor.inertia"].value, model["motor.inertia"].interval)
@@ -162,13 +162,13 @@ def test_a_table_with_and_without_a_workpiece_in_its_own_terms(tmp_path: Path) -
     parameters = with_intervals(fitted(run)).parameters
     assert inside(parameters["cart.mass"], 0.013 / ARC_M**2, 0.2)  # so heavy a table hardly moves under this torque
     assert inside(parameters["other_load.mass"], 0.017 / ARC_M**2, 0.2)
-    said = call("compare", str(run)).stdout
+    said = call("compare", str(run), "--details").stdout
     assert "b (and +0.006 kg m², stated)" in said, said
 
 
 def test_loads_that_nobody_mentions_are_refused_with_the_way_out(tmp_path: Path) -> None:
     records = {"a": (turning(1, INERTIA), ()), "b": (turning(2, INERTIA + DISC), ())}
-    outcome = call("compare", str(run_of(tmp_path, records, set_words(*MOTOR_ALONE))))
+    outcome = call("compare", str(run_of(tmp_path, records, set_words(*MOTOR_ALONE))), "--details")
     assert outcome.exit_code == 3
     assert "a show an inertia of 0.00200" in outcome.output.replace("0.002 ", "0.00200 ")
     assert "--load" in outcome.output
@@ -176,7 +176,7 @@ def test_loads_that_nobody_mentions_are_refused_with_the_way_out(tmp_path: Path)
 
 def test_a_load_that_no_fitted_record_carries_is_refused(tmp_path: Path) -> None:
     records = {"a": (turning(1, INERTIA), ()), "b": (turning(2, INERTIA + CUP), ("--load", "cup", "--held-out"))}
-    outcome = call("compare", str(run_of(tmp_path, records, set_words(*MOTOR_ALONE))))
+    outcome = call("compare", str(run_of(tmp_path, records, set_words(*MOTOR_ALONE))), "--details")
     assert outcome.exit_code == 3
     assert "b is held out and carries 'cup'" in outcome.output
 
