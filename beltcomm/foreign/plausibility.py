@@ -149,6 +149,13 @@ def _inertia(recording: Recording, axis: Axis, ratio: float | None) -> Iterator[
             f"torque and angle look {apart:.3g} apart: a torque behind the gearbox beside the angle of the motor? Divide it by the gear "
             "ratio in --map, or correct its unit",
         )  # fmt: skip
+    gear = axis.gearbox.ratio
+    if recording.side == "motor" and motor is None and gear > 1.0:
+        yield Doubt(
+            f"the shaft at which {torque} was taken", f"not said ({name} comes out as {value})",
+            f"the motor's, {gear:g} times as fast as the load's",
+            f"one behind the gearbox is {torque}=NAME*{1.0 / gear:.6g} in --map; motor.inertia_kg_m2 in the axis file would tell it",
+        )  # fmt: skip
     if recording.side != "motor" or ratio is None or motor is None:
         return
     least = _LIGHTEST_SHARE * axis.motor_side_inertia_kg_m2

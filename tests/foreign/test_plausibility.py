@@ -72,6 +72,15 @@ def test_torque_in_ampere_is_thought_of_where_that_alone_would_fit() -> None:
     assert "torque_nm is in ampere (--map current_a=NAME)" in line
 
 
+@pytest.mark.parametrize(("ratio", "inertia", "asked"), [(20.0, None, True), (20.0, 7e-5, False), (1.0, None, False)])
+def test_behind_a_gearbox_nobody_knows_at_which_shaft_a_torque_was_taken(ratio: float, inertia: float | None, asked: bool) -> None:
+    """Where the motor's inertia is known, that tells it."""
+    motor = replace(AXIS.motor, inertia_kg_m2=inertia)
+    axis = replace(AXIS, motor=motor, gearbox=replace(AXIS.gearbox, ratio=ratio), pulley=replace(AXIS.pulley, effective_radius_m=None))
+    lines = [str(found) for found in findings(Recording("a", T, TORQUE, ANGLE), axis)]
+    assert any("the shaft at which" in line and "torque_nm=NAME*0.05" in line for line in lines) is asked, lines
+
+
 def test_the_unit_factors_found_are_those_that_were_made() -> None:
     """The regression finds 1e-3 kg m² in the good record; the doubt about thousandths names 1 kg m²."""
     line = next(line for line in said(torque=1e3 * TORQUE) if "inertia" in line)
