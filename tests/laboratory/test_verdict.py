@@ -14,19 +14,14 @@ import pytest
 from beltcomm.cli.talk import PlainTalk
 from beltcomm.effects import effect_named
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.records import Data
-from beltcomm.fit.torque_path import DriveLaw, Lag, TorquePath
 from beltcomm.jobs import effect_search, laboratory
 from beltcomm.laboratory import acceptance, backward_elimination, diagnosis
 from beltcomm.laboratory.acceptance import is_negligible, only_cancels, share_left
-from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, Stage, verdict_of
+from beltcomm.laboratory.diagnosis import Stage, verdict_of
 from beltcomm.laboratory.forward_selection import Candidate
 from beltcomm.laboratory.plausibility import KNOWN, implausible_effects, parameters_at_bounds, undetermined_effects
 from beltcomm.laboratory.residual_structure import excess, partitions
-from beltcomm.laboratory.scope import OF_DRIVE, settled_loop, structure_of_rounding, unknown_delivery, without_names
-from beltcomm.laboratory.score import Scorer
 from beltcomm.model import build_model
-from beltcomm.recording import Recording
 from beltcomm.rundata.revisions import Revision
 from beltcomm.sentences import ladder
 from beltcomm.sentences.ladder import climb_lines
@@ -45,41 +40,6 @@ BASE = build_model("axis", ("belt_stiffness", "belt_damping", "viscous", "viscou
 )
 def test_a_parameter_that_ran_into_its_bound_is_named(effect: str, values: dict[str, float], wanted: list[str]) -> None:
     assert parameters_at_bounds(BASE.with_effect(effect, values), BASE) == wanted
-
-
-@pytest.mark.parametrize(("period_s", "lags", "told"), [(2e-3, (), True), (5e-4, (), False), (2e-3, (Lag("first order", (1e-3,)),), False)])
-def test_a_lag_as_short_as_a_settled_current_loop_s_may_be_the_drive_s(period_s: float, lags: tuple[Lag, ...], told: bool) -> None:
-    """0.2 ms, read at the end of 2 ms: nothing of it is left in the reading."""
-    base, lagging = (cast(Fitted, SimpleNamespace(model=m, ratio=2.0)) for m in (BASE, BASE.with_effect("current_lag", {"time": 2e-4})))
-    data = cast(Data, SimpleNamespace(path=TorquePath(DriveLaw(1.0, lags)), recordings=[SimpleNamespace(sample_period_s=period_s)]))
-    found = Diagnosis(base, data, (Stage(base, (), "current_lag", (), lagging),), "explained", (), cast(Scorer, None), data)
-    assert ("0.2 ms" in settled_loop(found)) == told
-
-
-@pytest.mark.parametrize(("step_rad", "level", "told"), [(6e-3, 1.0, True), (1e-6, 1.0, False), (6e-3, 1.5, False)])
-def test_what_a_coarse_encoder_leaves_in_step_with_the_motion_is_no_finding(step_rad: float, level: float, told: bool) -> None:
-    piece = SimpleNamespace(step_rad=step_rad, motion=SimpleNamespace(sample_s=1e-3), noise_nm=0.01)
-    problem = SimpleNamespace(pieces=[piece], samples=1000)
-    base = cast(Fitted, SimpleNamespace(model=BASE, ratio=1.0, objective=1000.0 * level, problem=problem))
-    found = Diagnosis(base, cast(Data, None), (Stage(base, (), "", (), base),), NONE_EXPLAINS, (), cast(Scorer, None), cast(Data, None))
-    assert ("rounding" in structure_of_rounding(found)) == told
-
-
-def test_without_a_setpoint_no_effect_that_a_drive_has_is_named_behind_another_name() -> None:
-    """Cogging stands; that what it leaves is a dead time, and not the drive's own delay, nothing tells."""
-    cogging = BASE.with_effect("cogging", {})
-    base, first, second = (cast(Fitted, SimpleNamespace(model=m, ratio=2.0)) for m in (BASE, cogging, cogging.with_effect("dead_time", {})))
-    steps = (Stage(base, (), "cogging", (), first), Stage(first, (), "dead_time", (), second))
-    found = Diagnosis(base, cast(Data, None), steps, "explained", (), cast(Scorer, None), cast(Data, None))
-    read = cast(list[Recording], [SimpleNamespace(torque_setpoint=None, side="motor")])
-    asked = cast(list[Recording], [SimpleNamespace(torque_setpoint=np.zeros(1), side="motor")])
-    assert "dead_time fits best" in unknown_delivery(found, read)
-    assert unknown_delivery(found, asked) == ""
-    assert unknown_delivery(replace(found, steps=steps[:1]), read) == ""
-    left = without_names(found, OF_DRIVE)
-    assert left.added_effects == ["cogging"]
-    assert left.verdict == "cannot tell"
-    assert without_names(found).added_effects == []
 
 
 @pytest.mark.parametrize(
