@@ -17,6 +17,8 @@ from beltcomm.axis.entries import SECTIONS, entries_of
 from beltcomm.drive import open_drive
 from beltcomm.experiments.plan import commission_plan
 from beltcomm.experiments.plan_screen import plan_screen
+from beltcomm.laboratory.figures import PlainError
+from beltcomm.sentences.laboratory import STATES, error_words
 from doctor.setups import SETUPS, called
 
 SOURCE = Path(beltcomm.__file__).parent
@@ -96,3 +98,13 @@ def test_the_shell_says_which(environment: dict[str, str], wanted: str) -> None:
 def test_a_language_that_is_not_offered_leaves_english() -> None:
     language.use("xx")
     assert language.tr("range") == "range"
+
+
+def test_answers_of_the_laboratory_are_screens(spoken: str) -> None:
+    """Errors and words of state fit beside their label, and none stays English."""
+    whole = PlainError(0.0123, 0.0045, 0.25, 12.3, "N m", 240.0)
+    words = error_words((1.01, 0.98), (whole, whole))
+    assert len(words) + 12 <= 80
+    assert not {"noise", "torque", "held"} & set(words.split())
+    known = language.catalogue(spoken)
+    assert sorted({word for word, _ in STATES.values()} - known.keys()) == []

@@ -44,18 +44,18 @@ def comparison_screen(comparison: Comparison, places: Sequence[str], notes: Sequ
     if doubt:
         word, sentence, style = tr("NOT JUDGED"), doubt, "note"
     titles, rows = record_table(comparison)
-    short = [number for number, title in enumerate(titles) if not title.startswith((">error", ">noise"))]
+    short = [0, 1, 2, len(titles) - 1] if len(titles) > 3 else range(len(titles))
     ranked = sorted(range(len(rows)), key=lambda number: -comparison.records[number].ratio)
     worst = sorted(ranked[:RECORDS])
     left = len(rows) - len(worst)
     lines: list[str] = [
-        *state_lines(word, f"the model {sentence}" if not doubt else sentence, style),
-        _labelled("error", error_words((comparison.ratio, comparison.held_out), (comparison.plain, comparison.plain_held_out))),
+        *state_lines(word, tr("the model {does}", does=sentence) if not doubt else sentence, style),
+        _labelled(tr("error"), error_words((comparison.ratio, comparison.held_out), (comparison.plain, comparison.plain_held_out))),
         *table([titles[n] for n in short], [[rows[number][n] for n in short] for number in worst], "   "),
-        *([f"   {left} more below these: --details"] if left else []),
+        *(["   " + tr("{count} more below these: --details", count=left)] if left else []),
     ]
     if places:
-        lines += [Line("   ", ("where it fails most", "title")), *(Line("     ", place) for place in places[:PLACES])]
+        lines += [Line("   ", (tr("where it fails most"), "title")), *(Line("     ", place) for place in places[:PLACES])]
     return [*lines, *warning_lines(notes)]
 
 
@@ -86,17 +86,17 @@ def diagnosis_screen(
     named = found.added_effects
     first, last = found.published_base[1], found.final_fit
     lines: list[str] = [
-        *state_lines(word, _said(found), style),
-        _labelled("error", error_words((first.ratio, first.held_ratio), before)),
+        *state_lines(tr(word), _said(found), style),
+        _labelled(tr("error"), error_words((first.ratio, first.held_ratio), before)),
     ]
-    lines += [_labelled("with it", error_words((last.ratio, last.held_ratio), after))] if named else []
+    lines += [_labelled(tr("with it"), error_words((last.ratio, last.held_ratio), after))] if named else []
     lines += candidate_rows(found, CANDIDATES, "   ")
     model = with_intervals(last)
     for name in named[:EFFECTS]:
         effect = effect_named(name)
         numbers = [line.removeprefix(f"{name}.") for line in number_lines(effect, model)]
         lines += _block(name, ", ".join(numbers)) if len(numbers) else []
-        lines += [*(_block("causes", effect.causes) if effect.causes else []), *_block("check", effect.check)]
+        lines += [*(_block(tr("causes"), effect.causes) if effect.causes else []), *_block(tr("check"), effect.check)]
     if len(named) > EFFECTS:
         lines.append(f"   and {', '.join(named[EFFECTS:])}: --details")
     if cost:
@@ -111,27 +111,30 @@ def _said(found: Diagnosis) -> str:
         return "; ".join(f"{name}: {effect_named(name).title}" for name in found.added_effects)
     return {
         "nothing missing": tr("the model explains what was measured"),
-        NONE_EXPLAINS: NONE_EXPLAINS,
-    }.get(found.verdict, "these records cannot tell what the model lacks")
+        NONE_EXPLAINS: tr("none of the known effects explains this"),
+    }.get(found.verdict, tr("these records cannot tell what the model lacks"))
 
 
 def error_words(ratios: tuple[float, float | None], plain: Plain) -> str:
     """An error over the noise and in plain units, of the fitted records and of those held out where there are any."""
     (ratio, held), (whole, whole_held) = ratios, plain
-    own = "" if whole is None else f", {whole.percent:.2g} % of torque ({with_unit(f'{whole.error:.3g}', whole.unit)})"
+    own = ""
+    if whole is not None:
+        size = with_unit(f"{whole.error:.3g}", whole.unit)
+        own = tr(", {percent:.2g} % of torque ({size})", percent=whole.percent, size=size)
     theirs = "" if whole_held is None else f", {whole_held.percent:.2g} %"
-    return f"{ratio:.2f} x noise{own}" + ("" if held is None else f"; held out {held:.2f} x{theirs}")
+    return tr("{ratio:.2f} x noise", ratio=ratio) + own + ("" if held is None else tr("; held out {held:.2f} x", held=held) + theirs)
 
 
 def record_table(comparison: Comparison) -> tuple[list[str], list[list[str]]]:
     """Titles and rows: what each record leaves over, over its noise and in plain units."""
     first = comparison.plain or comparison.plain_held_out
-    titles = [">% of torque", f">error {first.unit}", f">noise {first.unit}"] if first is not None else []
+    titles = [">" + tr("% of torque"), f">{tr('error')} {first.unit}", f">{tr('noise')} {first.unit}"] if first is not None else []
     rows = []
     for r in comparison.records:
         own = [] if r.plain is None else [f"{r.plain.percent:.3g}", f"{r.plain.error:.3g}", f"{r.plain.noise:.3g}"]
-        rows.append([r.name, f"{r.ratio:.2f}", *(own or [""] * len(titles)), "held out" if r.held_out else ""])
-    return ["record", ">x noise", *titles, ""], rows
+        rows.append([r.name, f"{r.ratio:.2f}", *(own or [""] * len(titles)), tr("held out") if r.held_out else ""])
+    return [tr("record"), ">" + tr("x noise"), *titles, ""], rows
 
 
 def _labelled(label: str, text: str) -> Line:

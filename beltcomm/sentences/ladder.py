@@ -18,6 +18,7 @@ from beltcomm.laboratory.figures import PlainError
 from beltcomm.laboratory.forward_selection import MISSING, Candidate
 from beltcomm.laboratory.plausibility import KNOWN, implausible_effects, undetermined_effects
 from beltcomm.laboratory.visible import DetectionLimit
+from beltcomm.language import tr
 from beltcomm.model import Model, effect_parameters
 from beltcomm.result import Row, table, with_unit
 from beltcomm.rundata.cost import cost_rows
@@ -143,10 +144,10 @@ def after_diagnosis(found: Diagnosis, run: Path, planned: str = "", designs: boo
             return [f"Next: beltcomm diagnose {pasted(run)} --auto   (adds of {' and '.join(certain)} what records held out confirm)"]
         if len(certain) > 1:
             return [f"Next: beltcomm improve {pasted(run)}   (adds {' and '.join(certain)}, and designs again)"]
-        return [f"Next: beltcomm add {certain[0]} {pasted(run)}   (fits everything again with it)"]
+        return [f"Next: beltcomm add {certain[0]} {pasted(run)}   ({tr('fits everything again with it')})"]
     if found.verdict != "nothing missing":
-        return [f"Next: beltcomm compare {pasted(run)}   (shows where the error sits; look there on the machine)"]
-    return [f"Next: beltcomm report {pasted(run)}   (nothing is missing in the model: everything known of the axis on one page)"]
+        return [f"Next: beltcomm compare {pasted(run)}   ({tr('shows where the error sits; look there on the machine')})"]
+    return [f"Next: beltcomm report {pasted(run)}   ({tr('nothing is missing in the model: everything known of the axis on one page')})"]
 
 
 def lacking_lines(missing: Sequence[str]) -> list[str]:
@@ -182,7 +183,7 @@ def sight_lines(sights: Sequence[DetectionLimit], run: Path, unnamed: Collection
 def blind_words(sights: Sequence[DetectionLimit], unnamed: Collection[str]) -> list[str]:
     """:func:`sight_lines` as one note."""
     blind = [sight.effect.name for sight in sights if not sight.is_detectable and sight.effect.name not in unnamed]
-    return [f"not seen by these records (--next plans some that would): {', '.join(blind)}"] if blind else []
+    return [tr("not seen by these records (--next plans some that would): {names}", names=", ".join(blind))] if blind else []
 
 
 def beyond_bounds(sight: DetectionLimit) -> bool:
