@@ -69,7 +69,7 @@ def candidate_rows(found: Diagnosis, most: int, indent: str = "") -> list[Row]:
 
 
 def diagnosis_lines(found: Diagnosis) -> list[str]:
-    """What ``beltcomm diagnose`` knows beyond its answer: the base, every trial, every law."""
+    """Details of a diagnosis behind its answer, as lines: effects of the base, candidates of every trial, laws that were added."""
     known = [name for name in found.base.model.effects if name not in (*BELT_BASE, *RIGID_BASE)]
     lines = [f"The model has already: {', '.join(known)}."] if known else []
     lines += candidate_rows(found, 5)
@@ -85,7 +85,7 @@ def diagnosis_lines(found: Diagnosis) -> list[str]:
 
 
 def caveats(found: Diagnosis) -> list[str]:
-    """What a reader of a diagnosis must know before it is believed, as sentences."""
+    """Reservations about a diagnosis, as sentences: what records held out, parameters left open, values beyond a machine and twins say."""
     lines, model = [], with_intervals(found.final_fit)
     if found.added_effects:
         lines += narrower_lines(found.published_base[1], found.final_fit)
