@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import in_one_thread
-from beltcomm.fit.angle_noise import NOISY
-from beltcomm.fit.decimation import smallest_step
 from beltcomm.fit.estimate import AT_A_TIME, Fitted, fit, resume_fit
 from beltcomm.fit.far_off import least_plain_error
 from beltcomm.fit.intervals import UNEXPLAINED, with_intervals
 from beltcomm.fit.likelihood import OFFSET_M
-from beltcomm.fit.noise_level import FEWEST, ORDER, roughness
+from beltcomm.fit.noise.angle import NOISY
+from beltcomm.fit.noise.decimation import smallest_step
+from beltcomm.fit.noise.level import FEWEST, ORDER, roughness
 from beltcomm.fit.nuisance import hold, next_to_hold, with_nuisance
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.path_choice import EXPLAINED, GOOD, choose_path, commands

@@ -16,7 +16,7 @@ from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.fit.jumps import CERTAIN, Jump, largest_step, refuse
 from beltcomm.fit.low_pass import fine, legible, smooth
-from beltcomm.fit.noise_level import torque_noise
+from beltcomm.fit.noise.level import torque_noise
 from beltcomm.fit.segment import Segment, evaluate_each, segments
 from beltcomm.fit.seldom import clearly_moves, comes_seldom
 from beltcomm.fit.torque_path import FAITHFUL, TorquePath

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from beltcomm.fit.first_estimate import FirstEstimate, first_estimate
-from beltcomm.fit.noise_level import torque_noise
+from beltcomm.fit.noise.level import torque_noise
 from beltcomm.fit.path_choice import EXPLAINED, TIMES_S, commands, splits
 from beltcomm.fit.reading_fit import CLEAR, fit_reading
 from beltcomm.fit.rigid import rigid_estimate

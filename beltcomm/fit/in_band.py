@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
 
 from beltcomm.fit.estimate import BLOCK_S, Fitted
+from beltcomm.fit.noise.whitening import noises
 from beltcomm.fit.records import Data
 from beltcomm.fit.segment import Segment, evaluate, evaluate_each, noise_paths_of, with_observers
-from beltcomm.fit.whitening import noises
 from beltcomm.model import Model
 
 Array = NDArray[np.float64]

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from beltcomm.errors import DataError
-from beltcomm.fit.angle_noise import apparent_step
 from beltcomm.fit.base import fit_base
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.intervals import ParameterSpread, parameter_spread, unbounded_estimates, with_intervals
 from beltcomm.fit.loads import with_loads
-from beltcomm.fit.noise_level import noise_colour, torque_noise
+from beltcomm.fit.noise.angle import apparent_step
+from beltcomm.fit.noise.level import noise_colour, torque_noise
 from beltcomm.fit.nuisance import held_remarks
 from beltcomm.fit.records import Data, prepare_records
 from beltcomm.fit.remarks import remark_on, remarks_on_pairs

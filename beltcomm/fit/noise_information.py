@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled
 from beltcomm.fit.likelihood import Problem
+from beltcomm.fit.noise.whitening import noises
 from beltcomm.fit.segment import Segment, noise_paths_of, whitener_of
-from beltcomm.fit.whitening import noises
 from beltcomm.model import Model
 
 Array = NDArray[np.float64]

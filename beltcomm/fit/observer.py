@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.fit.noise_path import path_of, stiffness_levels
-from beltcomm.fit.whitening import noises
+from beltcomm.fit.noise.propagation import path_of, stiffness_levels
+from beltcomm.fit.noise.whitening import noises
 from beltcomm.model import Model
 from beltcomm.model.linear import matrices, operating_point
 from beltcomm.model.mounted import loaded_model

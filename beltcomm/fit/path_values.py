@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from beltcomm.fit.decimation import decimate_torque
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.likelihood import Nuisance
-from beltcomm.fit.noise_level import robust_rms, torque_step
+from beltcomm.fit.noise.decimation import decimate_torque
+from beltcomm.fit.noise.level import robust_rms, torque_step
 from beltcomm.fit.reading_fit import NORMAL_95, TAPS, WHOLE, colour_of, lively_pairs, whitened_row
 from beltcomm.fit.records import Data, prepare_records
 from beltcomm.fit.torque_path import Lag, TorquePath

@@ -1,6 +1,6 @@
 """Recordings as residuals of one equation: what torque is left over when the measured motion goes backwards through a model.
 
-The residual e[n] of ``beltcomm.simulate.inverse`` is divided by its own noise (``beltcomm.fit.whitening``).
+The residual e[n] of ``beltcomm.simulate.inverse`` is divided by its own noise (``beltcomm.fit.noise.whitening``).
 
 Left out are samples near standstill: a sticking motor carries any torque up to its friction, so the equation says nothing there.
 Samples with a reversal through which the motor surely went are kept where asked for (``beltcomm.fit.reversals``); a motor without
@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from beltcomm.compiled import compiled
-from beltcomm.fit.decimation import decimate, decimate_torque, decimated_noise, decimation, smallest_step
 from beltcomm.fit.moving import (
     creep_motion,
     creeping_samples,
@@ -29,15 +28,16 @@ from beltcomm.fit.moving import (
     shaken_samples,
     sparse_creep,
 )
-from beltcomm.fit.noise_colour import WHITE_NOISE, NoiseColour
-from beltcomm.fit.noise_path import NoiseSchedule, way
+from beltcomm.fit.noise.colour import WHITE_NOISE, NoiseColour
+from beltcomm.fit.noise.decimation import decimate, decimate_torque, decimated_noise, decimation, smallest_step
+from beltcomm.fit.noise.process_torque import Unread
+from beltcomm.fit.noise.propagation import NoiseSchedule, way
+from beltcomm.fit.noise.whitening import Whitener, whitener
 from beltcomm.fit.observer import Observation, Observer, innovations, needs_observer, tuned_observers, untuned_observer
-from beltcomm.fit.process_torque import Unread
 from beltcomm.fit.reversals import LEVEL, motion_through_reversals, turns_at_once
 from beltcomm.fit.slack import stiffness_left
 from beltcomm.fit.smoother import smooth_motion
 from beltcomm.fit.torque_path import FAITHFUL, TorquePath
-from beltcomm.fit.whitening import Whitener, whitener
 from beltcomm.model import Model
 from beltcomm.model.linear import matrices, operating_point
 from beltcomm.model.mounted import Mounted, loaded_model

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.fit.decimation import decimate
+from beltcomm.fit.noise.decimation import decimate
 from beltcomm.fit.reading_fit import CLEAR
 from beltcomm.fit.segment import Segment
 

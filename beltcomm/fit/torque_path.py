@@ -25,9 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled
-from beltcomm.fit.deconvolution import deconvolve, undone_noise
-from beltcomm.fit.noise_colour import NoiseColour
-from beltcomm.fit.process_torque import ProcessTorque, Unread, process_from_dict, process_to_dict, with_unread
+from beltcomm.fit.noise.colour import NoiseColour
+from beltcomm.fit.noise.deconvolution import deconvolve, undone_noise
+from beltcomm.fit.noise.process_torque import ProcessTorque, Unread, process_from_dict, process_to_dict, with_unread
 from beltcomm.simulate.intersample import CELLS, Intersample
 
 Array = NDArray[np.float64]

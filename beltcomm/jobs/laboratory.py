@@ -13,7 +13,7 @@ from beltcomm.experiments.redundant_steps import Before, record_showing
 from beltcomm.fit.acting import acting_recordings
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.intervals import with_intervals
-from beltcomm.fit.noise_level import noise_doubt
+from beltcomm.fit.noise.level import noise_doubt
 from beltcomm.fit.stated_reading import stated_remarks
 from beltcomm.given import Place, pasted, place
 from beltcomm.jobs.confounded_effects import find_confounded

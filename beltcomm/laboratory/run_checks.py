@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
-from beltcomm.fit.noise_level import torque_noise
+from beltcomm.fit.noise.level import torque_noise
 from beltcomm.foreign.checks import DrivesItsMotor, check
 from beltcomm.laboratory.extracts import extract_long
 from beltcomm.laboratory.gap_checks import before_gaps, check_whole, gap_remarks

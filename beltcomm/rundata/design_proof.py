@@ -17,7 +17,7 @@ from beltcomm.design.measured import MeasuredMargins, measured_margins
 from beltcomm.design.spread import MarginSpread, margin_spread
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.fit.model_fit import SUSPECT_MISFIT, fit_model
-from beltcomm.fit.noise_level import torque_noise
+from beltcomm.fit.noise.level import torque_noise
 from beltcomm.fit.remarks import joint_draws
 from beltcomm.fit.segment import segments, squares_left, whitened_residual, with_observer
 from beltcomm.fit.torque_path import FAITHFUL, TorquePath

@@ -12,7 +12,7 @@ from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.feedforward import FeedforwardKind
 from beltcomm.encoder.estimators import EstimatorSettings
 from beltcomm.errors import DataError, UsageError
-from beltcomm.fit.decimation import smallest_step
+from beltcomm.fit.noise.decimation import smallest_step
 from beltcomm.foreign.checks import check
 from beltcomm.given import pasted
 from beltcomm.identify.final import final_model

@@ -16,7 +16,7 @@ from beltcomm.design.cascade import DesignResult
 from beltcomm.design.margins import Margins, bandwidths_hz, worst_of
 from beltcomm.errors import BeltcommError
 from beltcomm.fit.model_fit import SUSPECT_MISFIT
-from beltcomm.fit.noise_level import error_floor_words
+from beltcomm.fit.noise.level import error_floor_words
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.language import told, tr
 from beltcomm.model import Model

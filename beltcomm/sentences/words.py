@@ -10,7 +10,7 @@ from beltcomm.design.cascade import DesignResult
 from beltcomm.design.structure import late_s, unseen
 from beltcomm.drive import simulated
 from beltcomm.fit.model_fit import ModelFit
-from beltcomm.fit.noise_level import error_floor_words
+from beltcomm.fit.noise.level import error_floor_words
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.magnitude_fit import MagnitudeFit
 from beltcomm.model import Model

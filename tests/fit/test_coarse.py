@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltcomm.fit.decimation import decimate_torque, decimated_noise, decimation
 from beltcomm.fit.model_fit import fit_model
+from beltcomm.fit.noise.decimation import decimate_torque, decimated_noise, decimation
 from beltcomm.fit.nuisance import HELD, TOLERANCES
 from beltcomm.fit.segment import segments
 from beltcomm.fit.smoother import smooth_motion

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from beltcomm.fit.noise_level import noise_colour, noise_untold, repeats_itself, torque_noise
+from beltcomm.fit.noise.level import noise_colour, noise_untold, repeats_itself, torque_noise
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import ExcitationNote, Sidecar
 from identify.records import NOISE_NM, Recorder

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltcomm.fit.angle_noise import apparent_step
+from beltcomm.fit.noise.angle import apparent_step
 from beltcomm.recording import Recording
 from identify.records import NOISE_NM, STEP_RAD, Recorder
 from truth.rigs import draw

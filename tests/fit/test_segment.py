@@ -10,7 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from beltcomm.fit.moving import RUN_IN_S, RUN_IN_TRAVEL_M, resting_samples, run_in_samples
-from beltcomm.fit.noise_path import NoiseSchedule, noise_path, way
+from beltcomm.fit.noise.propagation import NoiseSchedule, noise_path, way
+from beltcomm.fit.noise.whitening import whitener
 from beltcomm.fit.segment import (
     STICK_SPEED_RAD_S,
     Segment,
@@ -19,7 +20,6 @@ from beltcomm.fit.segment import (
     segments,
     whitened_residual,
 )
-from beltcomm.fit.whitening import whitener
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
 from beltcomm.simulate.inverse import FineMotion, interpolate, torque_residuals

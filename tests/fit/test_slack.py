@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltcomm.fit.noise_path import way
+from beltcomm.fit.noise.propagation import way
+from beltcomm.fit.noise.whitening import whitener
 from beltcomm.fit.slack import stiffness_left
-from beltcomm.fit.whitening import whitener
 from beltcomm.model import Model, build_model
 from beltcomm.simulate.inverse import FineMotion, torque_residuals
 

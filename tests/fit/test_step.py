@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from beltcomm import api
-from beltcomm.fit.decimation import smallest_step
+from beltcomm.fit.noise.decimation import smallest_step
 from beltcomm.foreign.convert import Reading
 from beltcomm.recording.signalfile import write_columns
 from marks import quick

@@ -13,8 +13,8 @@ from scipy.signal import lfilter
 
 from beltcomm.fit.estimate import fit
 from beltcomm.fit.model_fit import fit_model
-from beltcomm.fit.noise_colour import NoiseColour
-from beltcomm.fit.process_torque import ProcessTorque, spectral_factor, with_unread
+from beltcomm.fit.noise.colour import NoiseColour
+from beltcomm.fit.noise.process_torque import ProcessTorque, spectral_factor, with_unread
 from beltcomm.fit.records import prepare_records
 from beltcomm.fit.sensor_noise import NoiseSplit, split_noise
 from beltcomm.fit.stored import restore_fit, store_fit

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from beltcomm.fit.noise_path import NoiseSchedule, noise_path
-from beltcomm.fit.whitening import whitener
+from beltcomm.fit.noise.propagation import NoiseSchedule, noise_path
+from beltcomm.fit.noise.whitening import whitener
 from beltcomm.model import build_model
 
 PERIOD_S, STEP_RAD, NOISE_NM = 1e-3, 2.0 * math.pi / 65536, 2e-3

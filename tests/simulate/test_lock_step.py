@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from beltcomm.effects import EFFECTS as CATALOGUE
 from beltcomm.errors import UsageError
-from beltcomm.fit.noise_path import way
+from beltcomm.fit.noise.propagation import way
+from beltcomm.fit.noise.whitening import whitener
 from beltcomm.fit.observer import Observation, Observer, innovations, tuned_observers, untuned_observer
 from beltcomm.fit.segment import Segment, group_starts
-from beltcomm.fit.whitening import whitener
 from beltcomm.model import Model, build_model
 from beltcomm.simulate.inverse import (
     FineMotion,

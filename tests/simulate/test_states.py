@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from beltcomm.effects import EFFECTS, Effect, effect_named
-from beltcomm.fit.noise_path import MOTION, noise_path
+from beltcomm.fit.noise.propagation import MOTION, noise_path
 from beltcomm.fit.observer import needs_observer
 from beltcomm.model import Model, build_model, effect_parameters
 from beltcomm.simulate.forward import BodyStates, Simulated, at_rest, simulate_torque

@@ -5,7 +5,7 @@ anywhere.  The torque shows every stroke, so what the motor needed corrects wher
 
     ν[n] = e[n] - H s[n],    s[n+1] = F s[n] + K[n] ν[n],    then the part x of s is taken off the motion and set to 0.
 
-e, F, H, s as in ``beltcomm.fit.whitening``; F, H, G, D go from those of an open gap to those of a closed one with the share of the
+e, F, H, s as in ``beltcomm.fit.noise.whitening``; F, H, G, D go from those of an open gap to those of a closed one with the share of the
 sample in which it is closed.  Where nothing opens, ν are the same innovations as without it.
 Source: Anderson, Moore, Optimal Filtering, 1979, section 8.2.
 """

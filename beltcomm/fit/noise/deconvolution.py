@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.fit.noise_colour import NoiseColour
+from beltcomm.fit.noise.colour import NoiseColour
 
 Array = NDArray[np.float64]
 

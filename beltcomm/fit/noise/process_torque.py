@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.fit.deconvolution import numerator_of
-from beltcomm.fit.noise_colour import NoiseColour
+from beltcomm.fit.noise.colour import NoiseColour
+from beltcomm.fit.noise.deconvolution import numerator_of
 
 Array = NDArray[np.float64]
 

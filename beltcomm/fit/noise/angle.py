@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.fit.decimation import smallest_step
+from beltcomm.fit.noise.decimation import smallest_step
 from beltcomm.recording import Recording
 
 Array = NDArray[np.float64]

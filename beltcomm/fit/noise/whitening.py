@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled, in_lanes, inlined
-from beltcomm.fit.noise_colour import WHITE_NOISE, NoiseColour, filter_states
-from beltcomm.fit.noise_path import SLOW, NoisePath, NoiseSchedule, with_state_in_front
+from beltcomm.fit.noise.colour import WHITE_NOISE, NoiseColour, filter_states
+from beltcomm.fit.noise.propagation import SLOW, NoisePath, NoiseSchedule, with_state_in_front
 from beltcomm.simulate.kernels.observer import filter_columns, lanes_for
 
 Array = NDArray[np.float64]
