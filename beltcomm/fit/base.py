@@ -21,7 +21,6 @@ from beltcomm.fit.nuisance import hold, next_to_hold, with_nuisance
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.path_choice import EXPLAINED, GOOD, choose_path, commands
 from beltcomm.fit.path_values import by_path, refine_path
-from beltcomm.fit.reading_fit import CLEAR, fit_reading
 from beltcomm.fit.records import (
     PUBLISHED_SUBSTEPS,
     SUBSTEPS,
@@ -37,7 +36,8 @@ from beltcomm.fit.records import (
 from beltcomm.fit.rest_colour import with_likeliest_colour
 from beltcomm.fit.reversals import turns_at_once
 from beltcomm.fit.sensor_noise import split_noise
-from beltcomm.fit.torque_path import TorquePath
+from beltcomm.fit.torque.path import TorquePath
+from beltcomm.fit.torque.reading_fit import CLEAR, fit_reading
 from beltcomm.model import Model
 
 Array = NDArray[np.float64]

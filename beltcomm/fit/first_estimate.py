@@ -19,7 +19,7 @@ from beltcomm.fit.low_pass import fine, legible, smooth
 from beltcomm.fit.noise.level import torque_noise
 from beltcomm.fit.segment import Segment, evaluate_each, segments
 from beltcomm.fit.seldom import clearly_moves, comes_seldom
-from beltcomm.fit.torque_path import FAITHFUL, TorquePath
+from beltcomm.fit.torque.path import FAITHFUL, TorquePath
 from beltcomm.model import BASE_BODIES, Model, build_model, expected_parameters
 from beltcomm.model.value import Value
 from beltcomm.recording import Recording

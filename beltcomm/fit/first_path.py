@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from beltcomm.fit.first_estimate import FirstEstimate, first_estimate
 from beltcomm.fit.noise.level import torque_noise
 from beltcomm.fit.path_choice import EXPLAINED, TIMES_S, commands, splits
-from beltcomm.fit.reading_fit import CLEAR, fit_reading
 from beltcomm.fit.rigid import rigid_estimate
 from beltcomm.fit.seldom import comes_seldom, first_of_seldom
-from beltcomm.fit.torque_path import FAITHFUL, DriveLaw, Lag, TorquePath
+from beltcomm.fit.torque.path import FAITHFUL, DriveLaw, Lag, TorquePath
+from beltcomm.fit.torque.reading_fit import CLEAR, fit_reading
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 

@@ -21,7 +21,7 @@ from beltcomm.fit.noise.level import noise_colour, torque_noise
 from beltcomm.fit.nuisance import held_remarks
 from beltcomm.fit.records import Data, prepare_records
 from beltcomm.fit.remarks import remark_on, remarks_on_pairs
-from beltcomm.fit.torque_path import FAITHFUL, TorquePath
+from beltcomm.fit.torque.path import FAITHFUL, TorquePath
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 

@@ -19,9 +19,9 @@ from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.likelihood import Nuisance
 from beltcomm.fit.noise.decimation import decimate_torque
 from beltcomm.fit.noise.level import robust_rms, torque_step
-from beltcomm.fit.reading_fit import NORMAL_95, TAPS, WHOLE, colour_of, lively_pairs, whitened_row
 from beltcomm.fit.records import Data, prepare_records
-from beltcomm.fit.torque_path import Lag, TorquePath
+from beltcomm.fit.torque.path import Lag, TorquePath
+from beltcomm.fit.torque.reading_fit import NORMAL_95, TAPS, WHOLE, colour_of, lively_pairs, whitened_row
 from beltcomm.model import Model
 from beltcomm.simulate.inverse import acting_torque, true_motion
 

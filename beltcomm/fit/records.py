@@ -22,7 +22,7 @@ from beltcomm.fit.noise.level import noise_colour, torque_noise
 from beltcomm.fit.noise.whitening import whitener
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.segment import Segment, acting_noise, evaluate, noise_paths_of, segments, whitener_of, with_observers
-from beltcomm.fit.torque_path import FAITHFUL, TorquePath
+from beltcomm.fit.torque.path import FAITHFUL, TorquePath
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 

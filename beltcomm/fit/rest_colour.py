@@ -19,9 +19,9 @@ from scipy.optimize import minimize, minimize_scalar
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.noise.process_torque import ProcessTorque, correlation_time
 from beltcomm.fit.noise.whitening import whitener
-from beltcomm.fit.reading_fit import CLEAR, NORMAL_95
 from beltcomm.fit.records import Data
 from beltcomm.fit.segment import Segment, acting_noise, noise_paths_of
+from beltcomm.fit.torque.reading_fit import CLEAR, NORMAL_95
 from beltcomm.model import Model
 
 Array = NDArray[np.float64]

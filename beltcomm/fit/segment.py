@@ -37,7 +37,7 @@ from beltcomm.fit.observer import Observation, Observer, innovations, needs_obse
 from beltcomm.fit.reversals import LEVEL, motion_through_reversals, turns_at_once
 from beltcomm.fit.slack import stiffness_left
 from beltcomm.fit.smoother import smooth_motion
-from beltcomm.fit.torque_path import FAITHFUL, TorquePath
+from beltcomm.fit.torque.path import FAITHFUL, TorquePath
 from beltcomm.model import Model
 from beltcomm.model.linear import matrices, operating_point
 from beltcomm.model.mounted import Mounted, loaded_model

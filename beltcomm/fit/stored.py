@@ -18,7 +18,7 @@ from beltcomm.fit.likelihood import Problem
 from beltcomm.fit.nuisance import with_nuisance
 from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data, prepare_records
-from beltcomm.fit.torque_path import path_from_dict, path_to_dict
+from beltcomm.fit.torque.path import path_from_dict, path_to_dict
 from beltcomm.model import Model, model_from_dict
 from beltcomm.recording import Recording
 

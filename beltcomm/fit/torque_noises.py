@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.fit.noise.decimation import decimate
-from beltcomm.fit.reading_fit import CLEAR
 from beltcomm.fit.segment import Segment
+from beltcomm.fit.torque.reading_fit import CLEAR
 
 Array = NDArray[np.float64]
 Complex = np.ndarray[Any, np.dtype[np.complex128]]

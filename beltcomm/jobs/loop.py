@@ -14,7 +14,7 @@ from beltcomm.experiments.options import Options, claim, settings_of
 from beltcomm.experiments.plan import Plan, with_homing
 from beltcomm.experiments.plan_screen import plan_screen
 from beltcomm.experiments.sign import check_sign
-from beltcomm.fit.acting import acting_recordings
+from beltcomm.fit.torque.acting_torque import acting_recordings
 from beltcomm.given import pasted
 from beltcomm.machine.machine import Machine
 from beltcomm.pages import pictures

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from beltcomm.errors import DataError
-from beltcomm.fit.acting import acting_recordings
 from beltcomm.fit.model_fit import ModelFit
+from beltcomm.fit.torque.acting_torque import acting_recordings
 from beltcomm.given import pasted
 from beltcomm.identify.three_mass import ThreeMass, compare_masses, resonances_hz, sheet_mass_kg
 from beltcomm.identify.three_mass_magnitude import ThreeMassMagnitude, fit_magnitudes

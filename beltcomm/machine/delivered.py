@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.errors import DriveError, Refused
-from beltcomm.fit.reading_fit import fit_reading
+from beltcomm.fit.torque.reading_fit import fit_reading
 from beltcomm.recording import Recording
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from beltcomm.errors import BeltcommError
-from beltcomm.fit.acting import acting_recordings
+from beltcomm.fit.torque.acting_torque import acting_recordings
 from beltcomm.given import pasted
 from beltcomm.laboratory.compare import Comparison, compare, landmarks
 from beltcomm.model import Model

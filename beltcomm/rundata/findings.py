@@ -10,7 +10,7 @@ from beltcomm.control import Cascade, PrefilterKind
 from beltcomm.design.cascade import DesignResult
 from beltcomm.design.feedforward import FeedforwardKind
 from beltcomm.design.specification import Specification
-from beltcomm.fit.torque_path import TorquePath
+from beltcomm.fit.torque.path import TorquePath
 from beltcomm.identify.dead_time import DeadTime
 from beltcomm.identify.final import FinalModel
 from beltcomm.identify.friction import FrictionFit

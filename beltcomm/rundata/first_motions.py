@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from beltcomm.fit.torque_path import FAITHFUL, TorquePath
+from beltcomm.fit.torque.path import FAITHFUL, TorquePath
 from beltcomm.identify.amplitude import AmplitudeStep
 from beltcomm.model import Model
 from beltcomm.recording import Recording

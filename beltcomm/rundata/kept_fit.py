@@ -13,7 +13,7 @@ from beltcomm.fit.loads import with_loads
 from beltcomm.fit.records import Data
 from beltcomm.fit.start import start_model
 from beltcomm.fit.stored import key_of, key_of_model, restore_fit, store_fit
-from beltcomm.fit.torque_path import TorquePath, path_from_dict
+from beltcomm.fit.torque.path import TorquePath, path_from_dict
 from beltcomm.model import Model, model_from_dict
 from beltcomm.outside import sha256_of
 from beltcomm.recording import Recording

@@ -9,8 +9,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from beltcomm.fit.reading_fit import WHOLE
-from beltcomm.fit.torque_path import DriveLaw, Lag, ReadingLaw, TorquePath, path_to_dict
+from beltcomm.fit.torque.path import DriveLaw, Lag, ReadingLaw, TorquePath, path_to_dict
+from beltcomm.fit.torque.reading_fit import WHOLE
 from beltcomm.recording import Recording
 
 #: Periods by which a reading is late, in words.

@@ -10,7 +10,7 @@ import pytest
 
 from beltcomm.fit.model_fit import ModelFit, fit_model
 from beltcomm.fit.path_choice import splits
-from beltcomm.fit.torque_path import DriveLaw, Lag
+from beltcomm.fit.torque.path import DriveLaw, Lag
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from fit.drives import Array, behind, first_order, held, smoothed

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltcomm.fit import reading_fit
-from beltcomm.fit.reading_fit import ReadingFit, fit_reading
-from beltcomm.fit.torque_path import ReadingLaw
+from beltcomm.fit.torque import reading_fit
+from beltcomm.fit.torque.path import ReadingLaw
+from beltcomm.fit.torque.reading_fit import ReadingFit, fit_reading
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar
 from fit.drives import behind, first_order, held, second_order, smoothed

@@ -18,7 +18,7 @@ from beltcomm.fit.noise.process_torque import ProcessTorque, spectral_factor, wi
 from beltcomm.fit.records import prepare_records
 from beltcomm.fit.sensor_noise import NoiseSplit, split_noise
 from beltcomm.fit.stored import restore_fit, store_fit
-from beltcomm.fit.torque_path import DriveLaw, Lag, ReadingLaw, TorquePath, path_from_dict, path_to_dict
+from beltcomm.fit.torque.path import DriveLaw, Lag, ReadingLaw, TorquePath, path_from_dict, path_to_dict
 from beltcomm.recording import Recording
 from beltcomm.sentences.torque_path import process_lines
 from identify.records import COUNTS, PERIOD_S, Recorder, true_model

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from beltcomm.fit.torque_path import FAITHFUL, DriveLaw, Lag, ReadingLaw, TorquePath, path_from_dict, path_to_dict, torque_at
+from beltcomm.fit.torque.path import FAITHFUL, DriveLaw, Lag, ReadingLaw, TorquePath, path_from_dict, path_to_dict, torque_at
 from beltcomm.simulate.intersample import CELLS
 from fit.drives import FINE, behind, first_order, held, second_order, smoothed
 

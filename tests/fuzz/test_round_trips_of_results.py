@@ -23,7 +23,7 @@ from beltcomm.drive.parameters import PREFILTER_KINDS, cascade_to_parameters
 from beltcomm.experiments.first_motion import Extent
 from beltcomm.export.dcf import dcf_text
 from beltcomm.export.mcap import write_mcap
-from beltcomm.fit.torque_path import VALUES, DriveLaw, Lag, ReadingLaw, TorquePath, path_from_dict, path_to_dict
+from beltcomm.fit.torque.path import VALUES, DriveLaw, Lag, ReadingLaw, TorquePath, path_from_dict, path_to_dict
 from beltcomm.foreign.apart_reader import table_in
 from beltcomm.foreign.eds import load_object_file
 from beltcomm.foreign.guess import completed, guesses_for, mappings_in, template

@@ -11,7 +11,7 @@ import pytest
 
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.records import Data
-from beltcomm.fit.torque_path import DriveLaw, Lag, TorquePath
+from beltcomm.fit.torque.path import DriveLaw, Lag, TorquePath
 from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, Stage
 from beltcomm.laboratory.scope import OF_DRIVE, settled_loop, structure_of_rounding, unknown_delivery, without_names
 from beltcomm.laboratory.score import Scorer

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from beltcomm.drive import StatedReading
-from beltcomm.fit.torque_path import Lag, TorquePath
+from beltcomm.fit.torque.path import Lag, TorquePath
 
 #: Share of a time, and of a sampling period, by which a statement may be off without a word.
 SHARE, OF_PERIOD = 0.25, 0.2

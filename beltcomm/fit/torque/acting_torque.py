@@ -7,7 +7,7 @@ from copy import copy
 
 import numpy as np
 
-from beltcomm.fit.torque_path import TorquePath
+from beltcomm.fit.torque.path import TorquePath
 from beltcomm.recording import Recording
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from beltcomm.fit.noise.level import LEAST_COLOUR, MOST_COLOUR, correlation
-from beltcomm.fit.torque_path import DriveLaw, Kind, Lag, torque_at
+from beltcomm.fit.torque.path import DriveLaw, Kind, Lag, torque_at
 from beltcomm.recording import Recording
 
 Array = NDArray[np.float64]
