@@ -13,9 +13,9 @@ from scipy.optimize import minimize_scalar
 
 from beltcomm.fit.likelihood import OFFSET_M, Minimum, Problem, hopeless, time_blocks
 from beltcomm.fit.local_quadratic import LocalQuadratic
-from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data
-from beltcomm.fit.segment import Segment, whitened_residual, with_observer, with_observers
+from beltcomm.fit.residual.observer import needs_observer
+from beltcomm.fit.residual.segment import Segment, whitened_residual, with_observer, with_observers
 from beltcomm.fit.touches import free_parameters
 from beltcomm.model import Model
 

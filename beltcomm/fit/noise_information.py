@@ -2,7 +2,7 @@
 
     A = Σ ∂ν ∂νᵀ - E Σ ∂(W T ε) ∂(W T ε)ᵀ
 
-W, T as in ``beltcomm.fit.rounding_bias``.  The expectation hangs on which samples are kept, so it is taken by one draw of the noises ε
+W, T as in ``beltcomm.fit.residual.rounding_bias``.  The expectation hangs on which samples are kept, so it is taken by one draw of the noises ε
 on the samples as they are; thousands of samples make its scatter small.   Source: method sheet, section 3, "not JᵀJ".
 """
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from beltcomm.compiled import compiled
 from beltcomm.fit.likelihood import Problem
 from beltcomm.fit.noise.whitening import noises
-from beltcomm.fit.segment import Segment, noise_paths_of, whitener_of
+from beltcomm.fit.residual.segment import Segment, noise_paths_of, whitener_of
 from beltcomm.model import Model
 
 Array = NDArray[np.float64]

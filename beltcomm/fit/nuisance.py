@@ -18,7 +18,7 @@ from beltcomm.fit.intervals import with_intervals
 from beltcomm.fit.likelihood import OFFSET_M, Nuisance
 from beltcomm.fit.path_values import path_nuisance
 from beltcomm.fit.records import Data
-from beltcomm.fit.segment import evaluate_each
+from beltcomm.fit.residual.segment import evaluate_each
 from beltcomm.model import BASE_BODIES, Model
 
 #: Error over the noise up to which a base model explains records.

@@ -15,13 +15,13 @@ from scipy.optimize import minimize_scalar
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.fit.loads import mounted_by
-from beltcomm.fit.moving import creeping_samples
 from beltcomm.fit.noise.angle import apparent_step, white_step
 from beltcomm.fit.noise.decimation import is_counted, smallest_step
 from beltcomm.fit.noise.level import noise_colour, torque_noise
 from beltcomm.fit.noise.whitening import whitener
-from beltcomm.fit.observer import needs_observer
-from beltcomm.fit.segment import Segment, acting_noise, evaluate, noise_paths_of, segments, whitener_of, with_observers
+from beltcomm.fit.residual.observer import needs_observer
+from beltcomm.fit.residual.segment import Segment, acting_noise, evaluate, noise_paths_of, segments, whitener_of, with_observers
+from beltcomm.fit.residual.usable_samples import creeping_samples
 from beltcomm.fit.torque.path import FAITHFUL, TorquePath
 from beltcomm.model import Model
 from beltcomm.recording import Recording

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.fit.noise.decimation import decimate
-from beltcomm.fit.segment import Segment
+from beltcomm.fit.residual.segment import Segment
 from beltcomm.fit.torque.reading_fit import CLEAR
 
 Array = NDArray[np.float64]

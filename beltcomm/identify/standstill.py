@@ -19,7 +19,7 @@ import numpy as np
 from beltcomm.arrays import Array
 from beltcomm.errors import BeltcommError, DataError
 from beltcomm.fit.noise.level import torque_noise
-from beltcomm.fit.segment import segments
+from beltcomm.fit.residual.segment import segments
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.magnitude_fit import MagnitudeFit, fit_magnitude
 from beltcomm.model import Model

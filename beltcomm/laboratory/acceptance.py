@@ -24,9 +24,9 @@ from beltcomm.effects import Effect
 from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.fit.in_band import changes
 from beltcomm.fit.likelihood import Problem
-from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import PUBLISHED_SUBSTEPS, Data, group_of, with_whitener
-from beltcomm.fit.segment import Segment
+from beltcomm.fit.residual.observer import needs_observer
+from beltcomm.fit.residual.segment import Segment
 from beltcomm.model import Model
 from beltcomm.simulate.inverse import acting_torque, true_motion
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from beltcomm.effects import effect_named
 from beltcomm.fit.estimate import Fitted, fit_of, problem_of
-from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data
+from beltcomm.fit.residual.observer import needs_observer
 from beltcomm.laboratory.acceptance import EVIDENCE, drop_by, is_negligible, most_within
 from beltcomm.laboratory.law_shape import additions, without
 from beltcomm.model import Model

@@ -11,7 +11,7 @@ from beltcomm.errors import Refused, UsageError
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.in_band import band_limited_errors, band_of
 from beltcomm.fit.records import Data
-from beltcomm.fit.segment import Segment
+from beltcomm.fit.residual.segment import Segment
 from beltcomm.identify.landmarks import shape_of
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.laboratory.places import ErrorRegion, worst_places

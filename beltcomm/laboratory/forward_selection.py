@@ -19,8 +19,8 @@ from beltcomm.effects import EFFECTS, AxisSummary, Effect
 from beltcomm.errors import UsageError
 from beltcomm.fit.estimate import Fitted, fit, fit_of, problem_of
 from beltcomm.fit.far_off import least_in_band
-from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data
+from beltcomm.fit.residual.observer import needs_observer
 from beltcomm.laboratory.acceptance import (
     EVIDENCE,
     STIFFNESS,

@@ -12,8 +12,8 @@ import math
 
 from beltcomm.effects import EFFECTS, Effect
 from beltcomm.fit.estimate import Fitted, fit
-from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data
+from beltcomm.fit.residual.observer import needs_observer
 from beltcomm.laboratory.acceptance import EVIDENCE, STIFFNESS, drop_by, explained_share, impossible
 from beltcomm.laboratory.forward_selection import Candidate, bic_penalty, candidate, may_add
 from beltcomm.model import Model

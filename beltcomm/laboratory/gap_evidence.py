@@ -16,8 +16,8 @@ from dataclasses import replace
 
 from beltcomm.effects import Effect
 from beltcomm.fit.estimate import Fitted, fit
-from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import AGITATIONS, Data, negative_log_likelihood, with_process_noise
+from beltcomm.fit.residual.observer import needs_observer
 from beltcomm.laboratory.acceptance import drop_by, enough, explained_share, loudness
 from beltcomm.model import Model
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled
-from beltcomm.fit.segment import Segment
+from beltcomm.fit.residual.segment import Segment
 
 Array = NDArray[np.float64]
 

@@ -20,9 +20,9 @@ from beltcomm.effects import Effect, effect_named
 from beltcomm.errors import UsageError
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.likelihood import OFFSET_M
-from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import Data
-from beltcomm.fit.segment import whitened_residual
+from beltcomm.fit.residual.observer import needs_observer
+from beltcomm.fit.residual.segment import whitened_residual
 from beltcomm.laboratory.acceptance import EVIDENCE as TO_BE_NAMED  # of an effect; that of a form is below
 from beltcomm.laboratory.acceptance import drop_by, exceeds_bounds, impossible, is_refuted
 from beltcomm.model import Model

@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 
 from beltcomm.effects import Effect
 from beltcomm.effects._effect import BELT_STIFFNESS
-from beltcomm.fit.observer import needs_observer
+from beltcomm.fit.residual.observer import needs_observer
 from beltcomm.laboratory.score import Scored, Scorer
 from beltcomm.model import Model
 

@@ -17,9 +17,9 @@ from beltcomm.axis import Axis
 from beltcomm.effects import AxisSummary, Effect, Trial
 from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.fit.likelihood import OFFSET_M, Parts, Problem
-from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import SUBSTEPS
-from beltcomm.fit.segment import Segment, in_noise, observed_residuals, whitened_residual, with_observers
+from beltcomm.fit.residual.observer import needs_observer
+from beltcomm.fit.residual.segment import Segment, in_noise, observed_residuals, whitened_residual, with_observers
 from beltcomm.laboratory.acceptance import loudness
 from beltcomm.laboratory.harmonics import gain_means, line_columns, load_means, powers_of
 from beltcomm.laboratory.single_record import explained_elongation, stiffness_by_record

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.fit.likelihood import OFFSET_M, Problem
-from beltcomm.fit.observer import needs_observer
 from beltcomm.fit.records import SUBSTEPS
-from beltcomm.fit.segment import Segment, in_noise, observed_residuals, with_observers
+from beltcomm.fit.residual.observer import needs_observer
+from beltcomm.fit.residual.segment import Segment, in_noise, observed_residuals, with_observers
 from beltcomm.simulate.inverse import belt_loads, fine_load, true_motion
 from beltcomm.simulate.kernels.vectors import LANES
 

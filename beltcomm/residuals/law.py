@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.likelihood import OFFSET_M
-from beltcomm.fit.segment import evaluate
+from beltcomm.fit.residual.segment import evaluate
 from beltcomm.laboratory.samples import Judged
 from beltcomm.model import Model
 from beltcomm.residuals.cells import COORDINATES, Cells, cells_of

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from beltcomm.fit import base
-from beltcomm.fit.segment import Segment
+from beltcomm.fit.residual.segment import Segment
 from beltcomm.model import build_model
 
 BASE = build_model("axis", ("belt_stiffness", "belt_damping", "viscous", "viscous_cart", "coulomb"), {})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltcomm.fit.moving import CREEP_S, creeping_samples, samples_between_counts, shaken_samples, sparse_creep
+from beltcomm.fit.residual.usable_samples import CREEP_S, creeping_samples, samples_between_counts, shaken_samples, sparse_creep
 
 PERIOD_S, STEP_RAD = 1e-3, 2e-3
 TIME_S = np.arange(0.0, 2.0, PERIOD_S)

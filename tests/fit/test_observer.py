@@ -14,9 +14,9 @@ from beltcomm.effects import effect_named
 from beltcomm.fit import estimate as fitting
 from beltcomm.fit.gap_valley import STIFFNESS, along_gap_valley
 from beltcomm.fit.likelihood import Problem
-from beltcomm.fit.observer import settling_samples, stiffest
 from beltcomm.fit.records import Data, prepare, remade, with_process_noise
-from beltcomm.fit.segment import Segment, evaluate, in_noise, whitened_residual, with_observer
+from beltcomm.fit.residual.observer import settling_samples, stiffest
+from beltcomm.fit.residual.segment import Segment, evaluate, in_noise, whitened_residual, with_observer
 from beltcomm.fit.start import start_model
 from beltcomm.laboratory.forward_selection import candidate
 from beltcomm.model import Model, build_model

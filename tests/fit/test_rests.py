@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltcomm.fit.reversals import _rest
-from beltcomm.fit.segment import segments
+from beltcomm.fit.residual.reversals import _rest
+from beltcomm.fit.residual.segment import segments
 from identify.records import NOISE_NM, PERIOD_S, STEP_RAD, Recorder, true_model
 from truth.rigs import nominal
 

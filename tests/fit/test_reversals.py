@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from beltcomm.fit.reversals import find_passages, reversal_correction, samples_at
+from beltcomm.fit.residual.reversals import find_passages, reversal_correction, samples_at
 from beltcomm.simulate.inverse import FineMotion
 from beltcomm.simulate.kernels.mean import triangular_mean
 

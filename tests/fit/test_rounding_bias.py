@@ -13,8 +13,8 @@ from beltcomm.fit.base import refit_with_rebuilt_motion
 from beltcomm.fit.estimate import problem_of
 from beltcomm.fit.model_fit import ModelFit, fit_model
 from beltcomm.fit.records import prepare_records
-from beltcomm.fit.rounding_bias import RoundingBias
-from beltcomm.fit.segment import evaluate
+from beltcomm.fit.residual.rounding_bias import RoundingBias
+from beltcomm.fit.residual.segment import evaluate
 from beltcomm.fit.torque.path import FAITHFUL, DriveLaw, TorquePath
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording

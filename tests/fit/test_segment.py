@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beltcomm.fit.moving import RUN_IN_S, RUN_IN_TRAVEL_M, resting_samples, run_in_samples
 from beltcomm.fit.noise.propagation import NoiseSchedule, noise_path, way
 from beltcomm.fit.noise.whitening import whitener
-from beltcomm.fit.segment import (
+from beltcomm.fit.residual.segment import (
     STICK_SPEED_RAD_S,
     Segment,
     evaluate,
@@ -20,6 +19,7 @@ from beltcomm.fit.segment import (
     segments,
     whitened_residual,
 )
+from beltcomm.fit.residual.usable_samples import RUN_IN_S, RUN_IN_TRAVEL_M, resting_samples, run_in_samples
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
 from beltcomm.simulate.inverse import FineMotion, interpolate, torque_residuals

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from beltcomm.cli.main import cli
 from beltcomm.fit.in_band import Banded, in_band, low_passed
-from beltcomm.fit.segment import Segment, segments
+from beltcomm.fit.residual.segment import Segment, segments
 from beltcomm.laboratory.plain_error import plain_error
 from beltcomm.model import Model
 from beltcomm.model.linear import operating_point, state_space

@@ -13,7 +13,7 @@ import pytest
 from beltcomm.effects import effect_named
 from beltcomm.fit.estimate import fit
 from beltcomm.fit.records import prepare
-from beltcomm.fit.segment import evaluate
+from beltcomm.fit.residual.segment import evaluate
 from beltcomm.fit.start import start_model
 from beltcomm.fit.touches import free_parameters
 from beltcomm.jobs.rungs import change_of

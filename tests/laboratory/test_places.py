@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beltcomm.fit.segment import Segment
+from beltcomm.fit.residual.segment import Segment
 from beltcomm.laboratory.compare import Comparison, worst
 from beltcomm.laboratory.place_words import in_words
 from beltcomm.laboratory.places import worst_places

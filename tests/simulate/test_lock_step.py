@@ -12,8 +12,8 @@ from beltcomm.effects import EFFECTS as CATALOGUE
 from beltcomm.errors import UsageError
 from beltcomm.fit.noise.propagation import way
 from beltcomm.fit.noise.whitening import whitener
-from beltcomm.fit.observer import Observation, Observer, innovations, tuned_observers, untuned_observer
-from beltcomm.fit.segment import Segment, group_starts
+from beltcomm.fit.residual.observer import Observation, Observer, innovations, tuned_observers, untuned_observer
+from beltcomm.fit.residual.segment import Segment, group_starts
 from beltcomm.model import Model, build_model
 from beltcomm.simulate.inverse import (
     FineMotion,

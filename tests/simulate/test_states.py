@@ -7,7 +7,7 @@ import pytest
 
 from beltcomm.effects import EFFECTS, Effect, effect_named
 from beltcomm.fit.noise.propagation import MOTION, noise_path
-from beltcomm.fit.observer import needs_observer
+from beltcomm.fit.residual.observer import needs_observer
 from beltcomm.model import Model, build_model, effect_parameters
 from beltcomm.simulate.forward import BodyStates, Simulated, at_rest, simulate_torque
 from beltcomm.simulate.imperfect import late_torque

@@ -3,7 +3,7 @@
 The residual e[n] of ``beltcomm.simulate.inverse`` is divided by its own noise (``beltcomm.fit.noise.whitening``).
 
 Left out are samples near standstill: a sticking motor carries any torque up to its friction, so the equation says nothing there.
-Samples with a reversal through which the motor surely went are kept where asked for (``beltcomm.fit.reversals``); a motor without
+Samples with a reversal through which the motor surely went are kept where asked for (``beltcomm.fit.residual.reversals``); a motor without
 Coulomb friction cannot stick.
 """
 
@@ -19,7 +19,16 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from beltcomm.compiled import compiled
-from beltcomm.fit.moving import (
+from beltcomm.fit.noise.colour import WHITE_NOISE, NoiseColour
+from beltcomm.fit.noise.decimation import decimate, decimate_torque, decimated_noise, decimation, smallest_step
+from beltcomm.fit.noise.process_torque import Unread
+from beltcomm.fit.noise.propagation import NoiseSchedule, way
+from beltcomm.fit.noise.whitening import Whitener, whitener
+from beltcomm.fit.residual.observer import Observation, Observer, innovations, needs_observer, tuned_observers, untuned_observer
+from beltcomm.fit.residual.reversals import LEVEL, motion_through_reversals, turns_at_once
+from beltcomm.fit.residual.slack_strand import stiffness_left
+from beltcomm.fit.residual.smoother import smooth_motion
+from beltcomm.fit.residual.usable_samples import (
     creep_motion,
     creeping_samples,
     resting_samples,
@@ -28,15 +37,6 @@ from beltcomm.fit.moving import (
     shaken_samples,
     sparse_creep,
 )
-from beltcomm.fit.noise.colour import WHITE_NOISE, NoiseColour
-from beltcomm.fit.noise.decimation import decimate, decimate_torque, decimated_noise, decimation, smallest_step
-from beltcomm.fit.noise.process_torque import Unread
-from beltcomm.fit.noise.propagation import NoiseSchedule, way
-from beltcomm.fit.noise.whitening import Whitener, whitener
-from beltcomm.fit.observer import Observation, Observer, innovations, needs_observer, tuned_observers, untuned_observer
-from beltcomm.fit.reversals import LEVEL, motion_through_reversals, turns_at_once
-from beltcomm.fit.slack import stiffness_left
-from beltcomm.fit.smoother import smooth_motion
 from beltcomm.fit.torque.path import FAITHFUL, TorquePath
 from beltcomm.model import Model
 from beltcomm.model.linear import matrices, operating_point

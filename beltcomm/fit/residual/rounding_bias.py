@@ -31,7 +31,7 @@ from beltcomm.compiled import compiled
 from beltcomm.fit.noise.process_torque import Unread
 from beltcomm.fit.noise.propagation import AROUND, POINTS, Complex, NoisePath, at_roots, noise_path, stiffness_levels
 from beltcomm.fit.noise.whitening import gains_of, noises
-from beltcomm.fit.segment import Segment
+from beltcomm.fit.residual.segment import Segment
 from beltcomm.model import Model
 from beltcomm.model.mounted import Mounted, loaded_model
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from beltcomm.errors import DamagedRecord
-from beltcomm.fit.segment import segments, whitened_residual
+from beltcomm.fit.residual.segment import segments, whitened_residual
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 
