@@ -11,7 +11,7 @@ import yaml
 
 from beltcomm.axis import load_axis
 from beltcomm.errors import UsageError
-from beltcomm.fit.touches import free_parameters
+from beltcomm.fit.likelihood.free_parameters import free_parameters
 from beltcomm.model import build_model, load_model, load_plant, model_from_dict
 from beltcomm.runfolder import RunFolder
 

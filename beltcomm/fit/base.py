@@ -13,7 +13,7 @@ from beltcomm.compiled import in_one_thread
 from beltcomm.fit.estimate import AT_A_TIME, Fitted, fit, resume_fit
 from beltcomm.fit.far_off import least_plain_error
 from beltcomm.fit.intervals import UNEXPLAINED, with_intervals
-from beltcomm.fit.likelihood import OFFSET_M
+from beltcomm.fit.likelihood.problem import OFFSET_M
 from beltcomm.fit.noise.angle import NOISY
 from beltcomm.fit.noise.decimation import smallest_step
 from beltcomm.fit.noise.level import FEWEST, ORDER, roughness

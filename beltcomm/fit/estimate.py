@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from beltcomm.fit.likelihood import OFFSET_M, Minimum, Problem, hopeless, time_blocks
-from beltcomm.fit.local_quadratic import LocalQuadratic
+from beltcomm.fit.likelihood.free_parameters import free_parameters
+from beltcomm.fit.likelihood.local_quadratic import LocalQuadratic
+from beltcomm.fit.likelihood.problem import OFFSET_M, Minimum, Problem, hopeless, time_blocks
 from beltcomm.fit.records import Data
 from beltcomm.fit.residual.observer import needs_observer
 from beltcomm.fit.residual.segment import Segment, whitened_residual, with_observer, with_observers
-from beltcomm.fit.touches import free_parameters
 from beltcomm.model import Model
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 
 from beltcomm.fit.estimate import ENOUGH, STRETCH_S, Fitted, evaluate_at, problem_of
 from beltcomm.fit.in_band import QUIET_SHARE, band_limited_errors, band_of, in_band
-from beltcomm.fit.likelihood import Problem
+from beltcomm.fit.likelihood.problem import Problem
 from beltcomm.fit.records import Data
 from beltcomm.fit.residual.observer import needs_observer
 

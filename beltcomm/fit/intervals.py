@@ -24,7 +24,7 @@ from scipy.special import stdtrit
 from beltcomm.effects import other_load
 from beltcomm.errors import DataError
 from beltcomm.fit.estimate import INERTIA, Fitted
-from beltcomm.fit.likelihood import Nuisance, Problem, time_blocks
+from beltcomm.fit.likelihood.problem import Nuisance, Problem, time_blocks
 from beltcomm.fit.noise_information import noise_information
 from beltcomm.fit.records import rounding_torque
 from beltcomm.model import Model

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled
-from beltcomm.fit.likelihood import Problem
+from beltcomm.fit.likelihood.problem import Problem
 from beltcomm.fit.noise.whitening import noises
 from beltcomm.fit.residual.segment import Segment, noise_paths_of, whitener_of
 from beltcomm.model import Model

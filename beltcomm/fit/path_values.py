@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from beltcomm.fit.estimate import Fitted, fit
-from beltcomm.fit.likelihood import Nuisance
+from beltcomm.fit.likelihood.problem import Nuisance
 from beltcomm.fit.noise.decimation import decimate_torque
 from beltcomm.fit.noise.level import robust_rms, torque_step
 from beltcomm.fit.records import Data, prepare_records

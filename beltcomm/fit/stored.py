@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from beltcomm.axis import Axis
 from beltcomm.caches import source_hash
 from beltcomm.fit.estimate import Fitted, evaluate_at, problem_of
-from beltcomm.fit.likelihood import Problem
+from beltcomm.fit.likelihood.problem import Problem
 from beltcomm.fit.nuisance import with_nuisance
 from beltcomm.fit.records import Data, prepare_records
 from beltcomm.fit.residual.observer import needs_observer

@@ -19,7 +19,7 @@ import numpy as np
 from beltcomm.effects import Effect, effect_named
 from beltcomm.errors import UsageError
 from beltcomm.fit.estimate import Fitted, fit
-from beltcomm.fit.likelihood import OFFSET_M
+from beltcomm.fit.likelihood.problem import OFFSET_M
 from beltcomm.fit.records import Data
 from beltcomm.fit.residual.observer import needs_observer
 from beltcomm.fit.residual.segment import whitened_residual

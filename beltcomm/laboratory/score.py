@@ -1,6 +1,6 @@
 """Score test: how far would the error fall if one more effect were there, with everything else fitted again to first order?
 
-An effect switched on at a typical size changes the whitened residual by a column; ``beltcomm.fit.local_quadratic`` says how far the
+An effect switched on at a typical size changes the whitened residual by a column; ``beltcomm.fit.likelihood.local_quadratic`` says how far the
 objective falls with the best amount of it.  Finite changes and not derivatives: right for gap and slack, too.
 """
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from beltcomm.axis import Axis
 from beltcomm.effects import AxisSummary, Effect, Trial
 from beltcomm.fit.estimate import BLOCK_S, Fitted
-from beltcomm.fit.likelihood import OFFSET_M, Parts, Problem
+from beltcomm.fit.likelihood.problem import OFFSET_M, Parts, Problem
 from beltcomm.fit.records import SUBSTEPS
 from beltcomm.fit.residual.observer import needs_observer
 from beltcomm.fit.residual.segment import Segment, in_noise, observed_residuals, whitened_residual, with_observers

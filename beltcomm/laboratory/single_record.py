@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.fit.estimate import BLOCK_S, Fitted
-from beltcomm.fit.likelihood import OFFSET_M, Problem
+from beltcomm.fit.likelihood.problem import OFFSET_M, Problem
 from beltcomm.fit.records import SUBSTEPS
 from beltcomm.fit.residual.observer import needs_observer
 from beltcomm.fit.residual.segment import Segment, in_noise, observed_residuals, with_observers

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.likelihood import OFFSET_M
+from beltcomm.fit.likelihood.problem import OFFSET_M
 from beltcomm.fit.residual.segment import evaluate
 from beltcomm.laboratory.samples import Judged
 from beltcomm.model import Model

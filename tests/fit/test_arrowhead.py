@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from beltcomm.fit.arrowhead import ArrowheadJacobian
+from beltcomm.fit.likelihood.arrowhead import ArrowheadJacobian
 
 
 @pytest.mark.parametrize("lengths", [(5, 0, 7, 3), ()])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from beltcomm.fit.estimate import AT_A_TIME, Fitted, fit, problem_of, resume_fit
-from beltcomm.fit.likelihood import Problem, hopeless
+from beltcomm.fit.likelihood.problem import Problem, hopeless
 from beltcomm.fit.records import Data, prepare
 from beltcomm.fit.start import start_model
 from beltcomm.laboratory import backward_elimination

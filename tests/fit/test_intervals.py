@@ -12,10 +12,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from beltcomm.fit.arrowhead import ArrowheadJacobian
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.intervals import FRICTION, LAW, ParameterSpread, parameter_spread, rounded_share
 from beltcomm.fit.intervals import SCALE as SCALE_SHARE
+from beltcomm.fit.likelihood.arrowhead import ArrowheadJacobian
 
 Array = NDArray[np.float64]
 RECORDS, SAMPLES, SAMPLE_S, BLOCK = 12, 2000, 0.004, 50

@@ -8,9 +8,9 @@ from typing import cast
 import numpy as np
 import pytest
 
-from beltcomm.fit.arrowhead import ArrowheadJacobian
-from beltcomm.fit.likelihood import Problem
-from beltcomm.fit.local_quadratic import LocalQuadratic
+from beltcomm.fit.likelihood.arrowhead import ArrowheadJacobian
+from beltcomm.fit.likelihood.local_quadratic import LocalQuadratic
+from beltcomm.fit.likelihood.problem import Problem
 
 SAMPLES, BLOCKS = 4000, 20
 

@@ -13,7 +13,7 @@ import pytest
 from beltcomm.effects import effect_named
 from beltcomm.fit import estimate as fitting
 from beltcomm.fit.gap_valley import STIFFNESS, along_gap_valley
-from beltcomm.fit.likelihood import Problem
+from beltcomm.fit.likelihood.problem import Problem
 from beltcomm.fit.records import Data, prepare, remade, with_process_noise
 from beltcomm.fit.residual.observer import settling_samples, stiffest
 from beltcomm.fit.residual.segment import Segment, evaluate, in_noise, whitened_residual, with_observer

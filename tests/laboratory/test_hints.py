@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from beltcomm.fit.estimate import BLOCK_S, Fitted
-from beltcomm.fit.likelihood import Problem, time_blocks
+from beltcomm.fit.likelihood.free_parameters import free_parameters
+from beltcomm.fit.likelihood.problem import Problem, time_blocks
 from beltcomm.fit.residual.segment import segments
-from beltcomm.fit.touches import free_parameters
 from beltcomm.laboratory.single_record import BY_CHANCE, explained_elongation, likeliest
 from identify.records import NOISE_NM, STEP_RAD, Recorder, true_model
 from truth.rigs import draw

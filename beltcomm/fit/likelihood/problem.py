@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import in_one_thread
-from beltcomm.fit.arrowhead import ArrowheadJacobian
+from beltcomm.fit.likelihood.arrowhead import ArrowheadJacobian
+from beltcomm.fit.likelihood.free_parameters import Touch, part_touched, touches_noise
 from beltcomm.fit.residual.observer import Perturbation, slopes
 from beltcomm.fit.residual.reversals import LEVEL
 from beltcomm.fit.residual.rounding_bias import RoundingBias
 from beltcomm.fit.residual.segment import Segment, in_noise, observed_residuals, with_observers
-from beltcomm.fit.touches import Touch, part_touched, touches_noise
 from beltcomm.model import Model, expected_parameters
 from beltcomm.model.mounted import loaded
 from beltcomm.simulate.inverse import (

@@ -3,7 +3,7 @@
     O(C a, c) = min over δ, a of Σ_b n_b φ(|r + c + C a + A δ|²_b / n_b)
 
 A : Jacobian of the whitened residual r with respect to all that was fitted;  c : change by the effect;  C : columns with free
-amounts a.  φ is the robust law of ``beltcomm.fit.likelihood``, so the function is minimised by reweighting; every pass needs only
+amounts a.  φ is the robust law of ``beltcomm.fit.likelihood.problem``, so the function is minimised by reweighting; every pass needs only
 the sums of products of each block.  Finite changes and not derivatives: right for gap and slack, too.
 """
 
@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.compiled import compiled
-from beltcomm.fit.arrowhead import ArrowheadJacobian, arrowhead
-from beltcomm.fit.likelihood import Problem
+from beltcomm.fit.likelihood.arrowhead import ArrowheadJacobian, arrowhead
+from beltcomm.fit.likelihood.problem import Problem
 
 Array = NDArray[np.float64]
 
