@@ -18,8 +18,10 @@ from beltcomm.fit.noise.angle import NOISY
 from beltcomm.fit.noise.decimation import smallest_step
 from beltcomm.fit.noise.level import FEWEST, ORDER, roughness
 from beltcomm.fit.nuisance import hold, next_to_hold, with_nuisance
-from beltcomm.fit.path_choice import EXPLAINED, GOOD, choose_path, commands
-from beltcomm.fit.path_values import by_path, refine_path
+from beltcomm.fit.path_fit.choice import EXPLAINED, GOOD, choose_path, commands
+from beltcomm.fit.path_fit.residual_colour import with_likeliest_colour
+from beltcomm.fit.path_fit.sensor_noise import split_noise
+from beltcomm.fit.path_fit.values import by_path, refine_path
 from beltcomm.fit.records import (
     PUBLISHED_SUBSTEPS,
     SUBSTEPS,
@@ -34,8 +36,6 @@ from beltcomm.fit.records import (
 )
 from beltcomm.fit.residual.observer import needs_observer
 from beltcomm.fit.residual.reversals import turns_at_once
-from beltcomm.fit.rest_colour import with_likeliest_colour
-from beltcomm.fit.sensor_noise import split_noise
 from beltcomm.fit.torque.path import TorquePath
 from beltcomm.fit.torque.reading_fit import CLEAR, fit_reading
 from beltcomm.model import Model

@@ -16,7 +16,7 @@ from beltcomm.effects import Parameter, effect_named
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.intervals import with_intervals
 from beltcomm.fit.likelihood.problem import OFFSET_M, Nuisance
-from beltcomm.fit.path_values import path_nuisance
+from beltcomm.fit.path_fit.values import path_nuisance
 from beltcomm.fit.records import Data
 from beltcomm.fit.residual.segment import evaluate_each
 from beltcomm.model import BASE_BODIES, Model

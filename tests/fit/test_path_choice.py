@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from beltcomm.fit.model_fit import ModelFit, fit_model
-from beltcomm.fit.path_choice import splits
+from beltcomm.fit.path_fit.choice import splits
 from beltcomm.fit.torque.path import DriveLaw, Lag
 from beltcomm.model import Model
 from beltcomm.recording import Recording

@@ -13,7 +13,7 @@ from beltcomm.fit.base import fit_base
 from beltcomm.fit.estimate import fit
 from beltcomm.fit.intervals import parameter_spread
 from beltcomm.fit.nuisance import with_nuisance
-from beltcomm.fit.path_values import path_nuisance, refine_path
+from beltcomm.fit.path_fit.values import path_nuisance, refine_path
 from beltcomm.fit.records import prepare_records
 from beltcomm.fit.torque.path import DriveLaw, Lag, ReadingLaw, TorquePath
 from beltcomm.recording import Recording

@@ -9,8 +9,8 @@ import pytest
 
 from beltcomm.fit.estimate import fit
 from beltcomm.fit.model_fit import fit_model
+from beltcomm.fit.path_fit.sensor_noise import NoiseSplit, split_noise
 from beltcomm.fit.records import prepare_records
-from beltcomm.fit.sensor_noise import NoiseSplit, split_noise
 from beltcomm.fit.torque.path import FAITHFUL, DriveLaw, TorquePath
 from identify.records import COUNTS, NOISE_NM, STEP_RAD, Recorder, true_model
 from truth.rigs import draw

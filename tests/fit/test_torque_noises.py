@@ -15,8 +15,8 @@ from beltcomm.fit.estimate import fit
 from beltcomm.fit.model_fit import fit_model
 from beltcomm.fit.noise.colour import NoiseColour
 from beltcomm.fit.noise.process_torque import ProcessTorque, spectral_factor, with_unread
+from beltcomm.fit.path_fit.sensor_noise import NoiseSplit, split_noise
 from beltcomm.fit.records import prepare_records
-from beltcomm.fit.sensor_noise import NoiseSplit, split_noise
 from beltcomm.fit.stored import restore_fit, store_fit
 from beltcomm.fit.torque.path import DriveLaw, Lag, ReadingLaw, TorquePath, path_from_dict, path_to_dict
 from beltcomm.recording import Recording

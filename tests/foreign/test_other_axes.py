@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from beltcomm.axis import axis_from_dict, load_axis
 from beltcomm.cli.main import cli
 from beltcomm.errors import UsageError
-from beltcomm.fit import path_choice
 from beltcomm.fit.noise.level import is_held
+from beltcomm.fit.path_fit import choice as path_choice
 from beltcomm.fit.rigid import least_squares
 from beltcomm.foreign.guess import NeedsAnswers, completed, guesses_for
 from beltcomm.foreign.plausibility import findings

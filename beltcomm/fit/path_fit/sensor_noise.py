@@ -21,9 +21,9 @@ from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.noise.decimation import decimate
 from beltcomm.fit.noise.level import LEAST_COLOUR, MOST_COLOUR, correlation, robust_rms, torque_step
 from beltcomm.fit.noise.process_torque import ProcessTorque, correlation_time
+from beltcomm.fit.path_fit.torque_noises import NoisesFit, NoisesProblem, RestPart
 from beltcomm.fit.records import Data
 from beltcomm.fit.torque.reading_fit import CLEAR, NORMAL_95
-from beltcomm.fit.torque_noises import NoisesFit, NoisesProblem, RestPart
 from beltcomm.recording import Recording
 
 Array = NDArray[np.float64]

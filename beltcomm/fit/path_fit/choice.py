@@ -18,7 +18,7 @@ from scipy.optimize import minimize_scalar
 
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.noise.level import is_held, repeats_itself
-from beltcomm.fit.path_values import columns_of, refine_path
+from beltcomm.fit.path_fit.values import columns_of, refine_path
 from beltcomm.fit.records import Data, prepare_records, rounding_torque
 from beltcomm.fit.torque.path import DriveLaw, Lag, ReadingLaw, TorquePath
 from beltcomm.fit.torque.reading_fit import CLEAR, COMMAND, NORMAL_95, WHOLE, ReadingFit

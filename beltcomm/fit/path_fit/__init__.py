@@ -1,0 +1,1 @@
+"""Torque path and torque noise as the motion shows them: values, choice between setpoint and reading, colours."""
