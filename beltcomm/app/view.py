@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from beltcomm.arrays import Array
-from beltcomm.fit.intervals import with_intervals
+from beltcomm.fit.uncertainty.intervals import with_intervals
 from beltcomm.laboratory.compare import compare, landmarks, worst
 from beltcomm.laboratory.place_words import in_words
 from beltcomm.laboratory.samples import Units

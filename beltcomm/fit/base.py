@@ -12,12 +12,10 @@ from numpy.typing import NDArray
 from beltcomm.compiled import in_one_thread
 from beltcomm.fit.estimate import AT_A_TIME, Fitted, fit, resume_fit
 from beltcomm.fit.far_off import least_plain_error
-from beltcomm.fit.intervals import UNEXPLAINED, with_intervals
 from beltcomm.fit.likelihood.problem import OFFSET_M
 from beltcomm.fit.noise.angle import NOISY
 from beltcomm.fit.noise.decimation import smallest_step
 from beltcomm.fit.noise.level import FEWEST, ORDER, roughness
-from beltcomm.fit.nuisance import hold, next_to_hold, with_nuisance
 from beltcomm.fit.path_fit.choice import EXPLAINED, GOOD, choose_path, commands
 from beltcomm.fit.path_fit.residual_colour import with_likeliest_colour
 from beltcomm.fit.path_fit.sensor_noise import split_noise
@@ -38,6 +36,8 @@ from beltcomm.fit.residual.observer import needs_observer
 from beltcomm.fit.residual.reversals import turns_at_once
 from beltcomm.fit.torque.path import TorquePath
 from beltcomm.fit.torque.reading_fit import CLEAR, fit_reading
+from beltcomm.fit.uncertainty.intervals import UNEXPLAINED, with_intervals
+from beltcomm.fit.uncertainty.nuisance import hold, next_to_hold, with_nuisance
 from beltcomm.model import Model
 
 Array = NDArray[np.float64]

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.intervals import information_of
 from beltcomm.fit.residual.observer import needs_observer
+from beltcomm.fit.uncertainty.intervals import information_of
 from beltcomm.model.mounted import carrying
 
 #: Fall of O beyond which a mass of its own is no chance, as for an effect; least change of all that moves; error over the noise up to which

@@ -14,14 +14,14 @@ from scipy.special import stdtrit
 from beltcomm.errors import DataError
 from beltcomm.fit.base import fit_base
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.intervals import ParameterSpread, parameter_spread, unbounded_estimates, with_intervals
 from beltcomm.fit.loads import with_loads
 from beltcomm.fit.noise.angle import apparent_step
 from beltcomm.fit.noise.level import noise_colour, torque_noise
-from beltcomm.fit.nuisance import held_remarks
 from beltcomm.fit.records import Data, prepare_records
-from beltcomm.fit.remarks import remark_on, remarks_on_pairs
 from beltcomm.fit.torque.path import FAITHFUL, TorquePath
+from beltcomm.fit.uncertainty.intervals import ParameterSpread, parameter_spread, unbounded_estimates, with_intervals
+from beltcomm.fit.uncertainty.nuisance import held_remarks
+from beltcomm.fit.uncertainty.remarks import remark_on, remarks_on_pairs
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.fit.model_fit import ModelFit, fit_model
-from beltcomm.fit.nuisance import released
 from beltcomm.fit.seldom import LATE_S, SeldomEstimate, comes_seldom, estimate
+from beltcomm.fit.uncertainty.nuisance import released
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 

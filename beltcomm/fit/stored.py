@@ -15,10 +15,10 @@ from beltcomm.axis import Axis
 from beltcomm.caches import source_hash
 from beltcomm.fit.estimate import Fitted, evaluate_at, problem_of
 from beltcomm.fit.likelihood.problem import Problem
-from beltcomm.fit.nuisance import with_nuisance
 from beltcomm.fit.records import Data, prepare_records
 from beltcomm.fit.residual.observer import needs_observer
 from beltcomm.fit.torque.path import path_from_dict, path_to_dict
+from beltcomm.fit.uncertainty.nuisance import with_nuisance
 from beltcomm.model import Model, model_from_dict
 from beltcomm.recording import Recording
 

@@ -13,10 +13,10 @@ from beltcomm.effects import effect_named, stands_for
 from beltcomm.errors import BeltcommError, Refused, UsageError
 from beltcomm.fit.base import NEXT_ITERATIONS, ratio_in_groups_of, refit_with_rebuilt_motion
 from beltcomm.fit.estimate import Fitted, fit
-from beltcomm.fit.intervals import with_intervals
 from beltcomm.fit.likelihood.free_parameters import free_parameters
 from beltcomm.fit.records import Data
 from beltcomm.fit.residual.observer import needs_observer
+from beltcomm.fit.uncertainty.intervals import with_intervals
 from beltcomm.given import Place, pasted, place, word
 from beltcomm.jobs.rungs import base_revision, change_of, revision_of
 from beltcomm.laboratory.acceptance import drop_by

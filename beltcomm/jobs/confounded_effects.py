@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.intervals import parameter_spread
+from beltcomm.fit.uncertainty.intervals import parameter_spread
 from beltcomm.laboratory.acceptance import DELAYS
 
 #: Share of a lag up to which a dead time beside it may be the lag's own second pole.

@@ -110,7 +110,7 @@ def lines(told: Mapping[str, object]) -> list[str]:
 
 def _search(folder: RunFolder, talk: Talk) -> dict[str, Any]:
     """The search itself.   Raises DataError for records that nothing can be said of."""
-    from beltcomm.fit.intervals import with_intervals
+    from beltcomm.fit.uncertainty.intervals import with_intervals
     from beltcomm.jobs.effect_search import search_of
     from beltcomm.laboratory.cross_checks import doubts_of
     from beltcomm.sentences.cross_checks import sheet_lines

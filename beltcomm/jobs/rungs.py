@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from beltcomm.fit.base import in_groups_of
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.in_band import shared_band
-from beltcomm.fit.intervals import with_intervals
 from beltcomm.fit.records import Data
+from beltcomm.fit.uncertainty.intervals import with_intervals
 from beltcomm.laboratory.acceptance import is_confirmed
 from beltcomm.laboratory.diagnosis import Diagnosis
 from beltcomm.laboratory.figures import PlainError

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from beltcomm.axis import Axis
 from beltcomm.effects import EFFECTS, AxisSummary
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.intervals import with_intervals
 from beltcomm.fit.start import knows_stiffness
+from beltcomm.fit.uncertainty.intervals import with_intervals
 from beltcomm.laboratory.score import Scorer
 from beltcomm.model import Model
 from beltcomm.model.linear import modes, operating_point, values_of

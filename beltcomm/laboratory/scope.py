@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from beltcomm.effects import EFFECTS
-from beltcomm.fit.intervals import rounded_share
 from beltcomm.fit.noise.level import noise_doubt
+from beltcomm.fit.uncertainty.intervals import rounded_share
 from beltcomm.identify.landmarks import shape_of
 from beltcomm.laboratory.compare import compare
 from beltcomm.laboratory.diagnosis import NOISE_KNOWN, NONE_EXPLAINS, Diagnosis, Stage

@@ -8,10 +8,10 @@ from pathlib import Path
 
 from beltcomm.errors import DataError
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.intervals import with_intervals
 from beltcomm.fit.loads import load_remarks
 from beltcomm.fit.loads_found import clearest
 from beltcomm.fit.records import Data
+from beltcomm.fit.uncertainty.intervals import with_intervals
 from beltcomm.given import pasted
 from beltcomm.laboratory.cross_checks import SheetDoubt, doubts_of
 from beltcomm.laboratory.extracts import EXTRACT_ROWS

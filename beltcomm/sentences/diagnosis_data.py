@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.intervals import with_intervals
+from beltcomm.fit.uncertainty.intervals import with_intervals
 from beltcomm.laboratory.diagnosis import Diagnosis
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.laboratory.forward_selection import Candidate

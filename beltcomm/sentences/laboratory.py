@@ -7,7 +7,7 @@ from textwrap import wrap
 from typing import Any
 
 from beltcomm.effects import effect_named
-from beltcomm.fit.intervals import with_intervals
+from beltcomm.fit.uncertainty.intervals import with_intervals
 from beltcomm.laboratory.compare import Comparison
 from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis
 from beltcomm.language import tr

@@ -15,8 +15,8 @@ import numpy as np
 from beltcomm.effects import EFFECTS
 from beltcomm.errors import DataError
 from beltcomm.fit.estimate import Fitted, evaluate_at, fit, problem_of
-from beltcomm.fit.intervals import parameter_spread
 from beltcomm.fit.records import Data, prepare_records
+from beltcomm.fit.uncertainty.intervals import parameter_spread
 from beltcomm.identify.course import NORMAL
 from beltcomm.laboratory.forward_selection import bic_penalty, may_add
 from beltcomm.laboratory.score import Scorer, ground_of

@@ -17,7 +17,7 @@ from beltcomm.design.margins import Margins, margins
 from beltcomm.design.spread import margin_spread, responses_together
 from beltcomm.design.structure import Bodies
 from beltcomm.errors import UsageError
-from beltcomm.fit.remarks import joint_draws
+from beltcomm.fit.uncertainty.remarks import joint_draws
 from design.closed_loop import PERIOD, growth_per_second, run
 
 RATIO = 0.01242

@@ -9,9 +9,9 @@ import pytest
 
 from beltcomm.fit.model_fit import fit_model
 from beltcomm.fit.noise.decimation import decimate_torque, decimated_noise, decimation
-from beltcomm.fit.nuisance import HELD, TOLERANCES
 from beltcomm.fit.residual.segment import segments
 from beltcomm.fit.residual.smoother import smooth_motion
+from beltcomm.fit.uncertainty.nuisance import HELD, TOLERANCES
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from identify.records import NOISE_NM, PERIOD_S, Recorder, true_model

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.intervals import FRICTION, LAW, ParameterSpread, parameter_spread, rounded_share
-from beltcomm.fit.intervals import SCALE as SCALE_SHARE
 from beltcomm.fit.likelihood.arrowhead import ArrowheadJacobian
+from beltcomm.fit.uncertainty.intervals import FRICTION, LAW, ParameterSpread, parameter_spread, rounded_share
+from beltcomm.fit.uncertainty.intervals import SCALE as SCALE_SHARE
 
 Array = NDArray[np.float64]
 RECORDS, SAMPLES, SAMPLE_S, BLOCK = 12, 2000, 0.004, 50

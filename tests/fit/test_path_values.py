@@ -11,11 +11,11 @@ from scipy.special import stdtrit
 
 from beltcomm.fit.base import fit_base
 from beltcomm.fit.estimate import fit
-from beltcomm.fit.intervals import parameter_spread
-from beltcomm.fit.nuisance import with_nuisance
 from beltcomm.fit.path_fit.values import path_nuisance, refine_path
 from beltcomm.fit.records import prepare_records
 from beltcomm.fit.torque.path import DriveLaw, Lag, ReadingLaw, TorquePath
+from beltcomm.fit.uncertainty.intervals import parameter_spread
+from beltcomm.fit.uncertainty.nuisance import with_nuisance
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar
 from fit.test_rounding_bias import COULOMB, COUNTS, INERTIA, SAMPLE_S, VISCOUS, model, turned

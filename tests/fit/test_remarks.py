@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import truncnorm
 
-from beltcomm.fit.remarks import upper_limit
+from beltcomm.fit.uncertainty.remarks import upper_limit
 
 
 @pytest.mark.parametrize("deviations", [-12.0, -1.0, -1e-3, 0.0, 0.5, 8.0, 30.0])

@@ -25,8 +25,8 @@ from beltcomm.effects import other_load
 from beltcomm.errors import DataError
 from beltcomm.fit.estimate import INERTIA, Fitted
 from beltcomm.fit.likelihood.problem import Nuisance, Problem, time_blocks
-from beltcomm.fit.noise_information import noise_information
 from beltcomm.fit.records import rounding_torque
+from beltcomm.fit.uncertainty.noise_information import noise_information
 from beltcomm.model import Model
 
 Array = NDArray[np.float64]

@@ -14,11 +14,11 @@ from scipy.linalg import block_diag
 
 from beltcomm.effects import Parameter, effect_named
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.intervals import with_intervals
 from beltcomm.fit.likelihood.problem import OFFSET_M, Nuisance
 from beltcomm.fit.path_fit.values import path_nuisance
 from beltcomm.fit.records import Data
 from beltcomm.fit.residual.segment import evaluate_each
+from beltcomm.fit.uncertainty.intervals import with_intervals
 from beltcomm.model import BASE_BODIES, Model
 
 #: Error over the noise up to which a base model explains records.

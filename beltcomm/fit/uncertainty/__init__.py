@@ -1,0 +1,1 @@
+"""Uncertainty of a fitted model: 95 % intervals, nuisance parameters, remarks in words."""
