@@ -17,7 +17,7 @@ from beltcomm.axis.targets import with_targets
 from beltcomm.axis.terms import pictures_in, terms, terms_of
 from beltcomm.configfiles import config_names
 from beltcomm.errors import UsageError
-from beltcomm.fit.start import start_model
+from beltcomm.fit.start.model import start_model
 from beltcomm.model import build_model
 from beltcomm.pages.quantities import quantities_of
 from beltcomm.recording import Recording, Sidecar

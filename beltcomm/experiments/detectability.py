@@ -30,7 +30,7 @@ from beltcomm.experiments.execute_step import EXPERIMENT, RESPONSE_S, quieter
 from beltcomm.experiments.options import Options
 from beltcomm.experiments.paths import Course, path_of, start_of
 from beltcomm.experiments.plan import Plan
-from beltcomm.fit.first_estimate import data_sheet_model
+from beltcomm.fit.start.first_estimate import data_sheet_model
 from beltcomm.identify.amplitude import MotionLimits, largest_amplitude
 from beltcomm.laboratory.diagnosis import fit_base_of
 from beltcomm.laboratory.score import Scorer, ground_of

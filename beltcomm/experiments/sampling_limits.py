@@ -8,7 +8,7 @@ from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
 from beltcomm.errors import BeltcommError
 from beltcomm.excitation.record import SELDOM_S
-from beltcomm.fit.first_estimate import data_sheet_model
+from beltcomm.fit.start.first_estimate import data_sheet_model
 from beltcomm.model import Model
 from beltcomm.rundata import analyse
 from beltcomm.schedule.sequences import excitation_travel_m

@@ -1,4 +1,4 @@
-"""A fit of records whose rows come seldom: its numbers by simulation of those in open loop, see :mod:`beltcomm.fit.seldom`."""
+"""A fit of records whose rows come seldom: its numbers by simulation of those in open loop, see :mod:`beltcomm.fit.start.undersampled`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.fit.model_fit import ModelFit, fit_model
-from beltcomm.fit.seldom import LATE_S, SeldomEstimate, comes_seldom, estimate
+from beltcomm.fit.start.undersampled import LATE_S, SeldomEstimate, comes_seldom, estimate
 from beltcomm.fit.uncertainty.nuisance import released
 from beltcomm.model import Model
 from beltcomm.recording import Recording

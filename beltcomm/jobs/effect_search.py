@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from beltcomm.fit.start import start_model
+from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory.diagnosis import MOST_EFFECTS, Diagnosis, diagnose
 from beltcomm.laboratory.forward_selection import MISSING
 from beltcomm.laboratory.precompile import last_compiled

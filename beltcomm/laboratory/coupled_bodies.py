@@ -24,7 +24,7 @@ from beltcomm.fit.base import NEXT_ITERATIONS, refit_with_rebuilt_motion
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.records import Data, for_coupling
 from beltcomm.fit.residual.observer import needs_observer
-from beltcomm.fit.start import start_model
+from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory.acceptance import EVIDENCE, STIFFNESS, drop_by
 from beltcomm.laboratory.forward_selection import Candidate, bic_penalty, candidate, may_add
 from beltcomm.model import Model

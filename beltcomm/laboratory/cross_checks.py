@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from beltcomm.axis import Axis
 from beltcomm.effects import EFFECTS, AxisSummary
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.start import knows_stiffness
+from beltcomm.fit.start.model import knows_stiffness
 from beltcomm.fit.uncertainty.intervals import with_intervals
 from beltcomm.laboratory.score import Scorer
 from beltcomm.model import Model

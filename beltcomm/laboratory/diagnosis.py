@@ -16,7 +16,7 @@ from beltcomm.fit.far_off import least_plain_error
 from beltcomm.fit.gap_valley import settled_gap
 from beltcomm.fit.records import PUBLISHED_SUBSTEPS, Data, prepare
 from beltcomm.fit.residual.observer import needs_observer
-from beltcomm.fit.start import data_sheet
+from beltcomm.fit.start.model import data_sheet
 from beltcomm.fit.uncertainty.intervals import with_intervals
 from beltcomm.laboratory.acceptance import EVIDENCE, drop_by, impossible, is_refuted, lowers, share_left
 from beltcomm.laboratory.backward_elimination import drop_superfluous

@@ -19,7 +19,7 @@ from beltcomm.effects import EFFECTS, Effect
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.records import Data, negative_log_likelihood, with_process_noise
 from beltcomm.fit.residual.observer import needs_observer
-from beltcomm.fit.start import MOTOR_SHARE
+from beltcomm.fit.start.model import MOTOR_SHARE
 from beltcomm.laboratory.acceptance import STIFFNESS, drop_by
 from beltcomm.laboratory.forward_selection import Candidate, candidate, may_add
 from beltcomm.model import Model

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.fit.low_pass import REACH, legible, smooth
 from beltcomm.fit.noise.decimation import smallest_step
+from beltcomm.fit.start.low_pass import REACH, legible, smooth
 from beltcomm.recording import Recording
 
 Array = NDArray[np.float64]

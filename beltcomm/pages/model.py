@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from beltcomm.fit.start import knows_stiffness
+from beltcomm.fit.start.model import knows_stiffness
 from beltcomm.given import pasted
 from beltcomm.laboratory.compare import worst
 from beltcomm.model.value import Value

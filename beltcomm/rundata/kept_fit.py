@@ -11,7 +11,7 @@ from beltcomm.errors import BeltcommError, DataError
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.loads import with_loads
 from beltcomm.fit.records import Data
-from beltcomm.fit.start import start_model
+from beltcomm.fit.start.model import start_model
 from beltcomm.fit.stored import key_of, key_of_model, restore_fit, store_fit
 from beltcomm.fit.torque.path import TorquePath, path_from_dict
 from beltcomm.model import Model, model_from_dict

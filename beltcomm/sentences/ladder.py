@@ -10,7 +10,7 @@ from beltcomm.effects import Effect, effect_named
 from beltcomm.effects.tilt import GRAVITY_M_S2
 from beltcomm.fit.base import ratio_in_groups_of
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.start import BELT_BASE, RIGID_BASE
+from beltcomm.fit.start.model import BELT_BASE, RIGID_BASE
 from beltcomm.fit.uncertainty.intervals import with_intervals
 from beltcomm.given import pasted
 from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, structures

@@ -38,7 +38,7 @@ from hidden_table import FAMILY, table
 from beltcomm.effects import effect_named
 from beltcomm.errors import BeltcommError
 from beltcomm.fit.estimate import Fitted, fit
-from beltcomm.fit.start import start_model
+from beltcomm.fit.start.model import start_model
 from beltcomm.fit.uncertainty.intervals import parameter_spread
 from beltcomm.laboratory.diagnosis import Diagnosis, diagnose, fit_base_of
 from beltcomm.laboratory.forward_selection import with_effect

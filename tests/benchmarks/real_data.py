@@ -12,7 +12,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from beltcomm.fit.start import start_model
+from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory.cross_checks import map_checks, resonances
 from beltcomm.laboratory.diagnosis import diagnose, fit_base_of
 from beltcomm.model import Model

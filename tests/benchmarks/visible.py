@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from beltcomm.effects import AxisSummary, effect_named
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.start import start_model
+from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory.acceptance import EVIDENCE
 from beltcomm.laboratory.diagnosis import fit_base_of
 from beltcomm.laboratory.forward_selection import bic_penalty

@@ -11,7 +11,7 @@ import pytest
 from beltcomm.fit.estimate import AT_A_TIME, Fitted, fit, problem_of, resume_fit
 from beltcomm.fit.likelihood.problem import Problem, hopeless
 from beltcomm.fit.records import Data, prepare
-from beltcomm.fit.start import start_model
+from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory import backward_elimination
 from beltcomm.laboratory.acceptance import drop_by, most_within
 from beltcomm.model import Model

@@ -17,7 +17,7 @@ from beltcomm.fit.likelihood.problem import Problem
 from beltcomm.fit.records import Data, prepare, remade, with_process_noise
 from beltcomm.fit.residual.observer import settling_samples, stiffest
 from beltcomm.fit.residual.segment import Segment, evaluate, in_noise, whitened_residual, with_observer
-from beltcomm.fit.start import start_model
+from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory.forward_selection import candidate
 from beltcomm.model import Model, build_model
 from beltcomm.runfolder import RunFolder

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from beltcomm.excitation import prbs
-from beltcomm.fit.seldom import BEFORE, LATE_S, clearly_moves, comes_seldom, estimate, first_of_seldom
+from beltcomm.fit.start.undersampled import BEFORE, LATE_S, clearly_moves, comes_seldom, estimate, first_of_seldom
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar

@@ -15,7 +15,7 @@ from beltcomm.cli.main import cli
 from beltcomm.errors import UsageError
 from beltcomm.fit.noise.level import is_held
 from beltcomm.fit.path_fit import choice as path_choice
-from beltcomm.fit.rigid import least_squares
+from beltcomm.fit.start.rigid import least_squares
 from beltcomm.foreign.guess import NeedsAnswers, completed, guesses_for
 from beltcomm.foreign.plausibility import findings
 from beltcomm.foreign.relations import relations

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from beltcomm.axis import Axis, Payload, load_axis
 from beltcomm.errors import Refused
 from beltcomm.excitation import prbs
-from beltcomm.fit.first_estimate import data_sheet_model
+from beltcomm.fit.start.first_estimate import data_sheet_model
 from beltcomm.identify.amplitude import (
     FIRST_ESTIMATE_SPREAD,
     UNKNOWN_MASSES_KG,

@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 from beltcomm.axis import Axis
 from beltcomm.cli.main import cli
 from beltcomm.errors import DataError
-from beltcomm.fit.start import start_model
+from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory import run_checks
 from beltcomm.laboratory.cross_checks import sheet_doubts
 from beltcomm.laboratory.diagnosis import Diagnosis, Stage, fit_base_of

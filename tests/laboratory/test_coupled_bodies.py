@@ -11,7 +11,7 @@ from beltcomm.axis import Axis, load_axis
 from beltcomm.fit.base import fit_base, in_groups_of, ratio_in_groups_of
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.records import Data, prepare
-from beltcomm.fit.start import start_model
+from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory import coupled_bodies
 from beltcomm.laboratory.diagnosis import final_refit
 from beltcomm.sentences.ladder import narrower_lines

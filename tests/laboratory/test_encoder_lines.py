@@ -18,7 +18,7 @@ from beltcomm.cli.main import cli
 from beltcomm.effects import AxisSummary, effect_named
 from beltcomm.effects.encoder_interpolation import LINES, correction, implausible, trials
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.start import start_model
+from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory.acceptance import EVIDENCE
 from beltcomm.laboratory.diagnosis import diagnose, fit_base_of
 from beltcomm.laboratory.forward_selection import expected_gain

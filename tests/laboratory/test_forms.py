@@ -15,7 +15,7 @@ from beltcomm.fit.estimate import fit
 from beltcomm.fit.likelihood.free_parameters import free_parameters
 from beltcomm.fit.records import prepare
 from beltcomm.fit.residual.segment import evaluate
-from beltcomm.fit.start import start_model
+from beltcomm.fit.start.model import start_model
 from beltcomm.jobs.rungs import change_of
 from beltcomm.laboratory import law_shape
 from beltcomm.laboratory.acceptance import exceeds_bounds

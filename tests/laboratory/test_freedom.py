@@ -13,7 +13,7 @@ import pytest
 from beltcomm.effects import effect_named
 from beltcomm.fit.estimate import fit
 from beltcomm.fit.records import prepare, with_process_noise
-from beltcomm.fit.start import start_model
+from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory import diagnosis, gap_evidence
 from beltcomm.laboratory.forward_selection import Candidate
 from beltcomm.laboratory.gap_evidence import gap_is_supported

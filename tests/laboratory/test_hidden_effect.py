@@ -16,7 +16,7 @@ from beltcomm.cli.main import cli
 from beltcomm.effects import effect_named
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.records import Data
-from beltcomm.fit.start import start_model
+from beltcomm.fit.start.model import start_model
 from beltcomm.jobs.change import better, diagnosis_start
 from beltcomm.laboratory.diagnosis import Stage, find_shortcut, fit_base_of
 from beltcomm.laboratory.forward_selection import candidate, with_effect

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from beltcomm.fit.start import start_model
+from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory import diagnosis
 from beltcomm.laboratory.diagnosis import as_searched, fit_base_of
 from beltcomm.laboratory.forward_selection import Candidate, fit_with_sheet_values

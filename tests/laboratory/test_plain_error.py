@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from beltcomm.fit.estimate import fit
 from beltcomm.fit.in_band import Banded, band_limited_errors, band_of, change, low_passed
 from beltcomm.fit.records import prepare
-from beltcomm.fit.start import start_model
+from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory import acceptance
 from beltcomm.laboratory.acceptance import falls, is_confirmed
 from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, diagnose, fit_base_of

@@ -10,7 +10,7 @@ import pytest
 from beltcomm.effects import Trial, effect_named
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.records import Data, prepare
-from beltcomm.fit.start import start_model
+from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory.acceptance import is_refuted
 from beltcomm.laboratory.cross_checks import map_checks, resonances
 from beltcomm.laboratory.diagnosis import fit_base_of, refit_with_rebuilt_motion

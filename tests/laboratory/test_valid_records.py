@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from beltcomm.errors import DataError
-from beltcomm.fit.start import start_model
+from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory.run_checks import Checked, check_run
 from beltcomm.recording import Recording
 from beltcomm.recording.checks import rigid_inertia

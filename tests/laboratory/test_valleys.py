@@ -10,7 +10,7 @@ import pytest
 
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.records import Data
-from beltcomm.fit.start import start_model
+from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory import diagnosis
 from beltcomm.laboratory.diagnosis import escape_if_far_off, fit_base_of
 from beltcomm.model import build_model

@@ -23,7 +23,7 @@ from beltcomm.experiments.options import Options
 from beltcomm.experiments.paths import path_of, start_of
 from beltcomm.experiments.plan import Plan, commission_plan
 from beltcomm.experiments.raising import believable
-from beltcomm.fit.first_estimate import data_sheet_model
+from beltcomm.fit.start.first_estimate import data_sheet_model
 from beltcomm.recording import Recording
 from beltcomm.rundata import analyse
 from beltcomm.schedule import record_schedule

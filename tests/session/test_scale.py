@@ -20,7 +20,7 @@ from beltcomm.drive import Capabilities, Drive, Limits, Motion, open_drive
 from beltcomm.errors import Refused, UsageError
 from beltcomm.experiments import commission
 from beltcomm.experiments.detectability import sheet_model
-from beltcomm.fit.first_estimate import data_sheet_model
+from beltcomm.fit.start.first_estimate import data_sheet_model
 from beltcomm.machine.machine import Machine
 from beltcomm.machine.ratings import check_ratings
 from beltcomm.machine.scale import OF_THE_SHEETS, STIFFNESS, check_first, check_fitted, feed_constant_in_doubt, jumping_inertia, ruler

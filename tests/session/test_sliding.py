@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from beltcomm.axis import load_axis
 from beltcomm.control import Cascade, Feedforward
 from beltcomm.experiments import execute_step, friction_feedforward
-from beltcomm.fit.first_estimate import data_sheet_model
+from beltcomm.fit.start.first_estimate import data_sheet_model
 from beltcomm.machine import stops
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from beltcomm.errors import DataError
-from beltcomm.fit.start import BELT_BASE
+from beltcomm.fit.start.model import BELT_BASE
 from beltcomm.model import build_model
 from beltcomm.rundata.analyse import characteristic_hz
 

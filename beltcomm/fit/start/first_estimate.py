@@ -14,11 +14,11 @@ from scipy.optimize import minimize, nnls
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
-from beltcomm.fit.low_pass import fine, legible, smooth
 from beltcomm.fit.noise.level import torque_noise
 from beltcomm.fit.residual.encoder_jumps import CERTAIN, Jump, largest_step, refuse
 from beltcomm.fit.residual.segment import Segment, evaluate_each, segments
-from beltcomm.fit.seldom import clearly_moves, comes_seldom
+from beltcomm.fit.start.low_pass import fine, legible, smooth
+from beltcomm.fit.start.undersampled import clearly_moves, comes_seldom
 from beltcomm.fit.torque.path import FAITHFUL, TorquePath
 from beltcomm.model import BASE_BODIES, Model, build_model, expected_parameters
 from beltcomm.model.value import Value

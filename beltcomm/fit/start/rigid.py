@@ -10,8 +10,8 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import nnls
 
 from beltcomm.errors import DataError
-from beltcomm.fit.low_pass import legible
 from beltcomm.fit.noise.decimation import smallest_step
+from beltcomm.fit.start.low_pass import legible
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 

@@ -6,11 +6,11 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from beltcomm.fit.first_estimate import FirstEstimate, first_estimate
 from beltcomm.fit.noise.level import torque_noise
 from beltcomm.fit.path_fit.choice import EXPLAINED, TIMES_S, commands, splits
-from beltcomm.fit.rigid import rigid_estimate
-from beltcomm.fit.seldom import comes_seldom, first_of_seldom
+from beltcomm.fit.start.first_estimate import FirstEstimate, first_estimate
+from beltcomm.fit.start.rigid import rigid_estimate
+from beltcomm.fit.start.undersampled import comes_seldom, first_of_seldom
 from beltcomm.fit.torque.path import FAITHFUL, DriveLaw, Lag, TorquePath
 from beltcomm.fit.torque.reading_fit import CLEAR, fit_reading
 from beltcomm.model import Model

@@ -1,0 +1,1 @@
+"""Start values of a fit: first estimate of a short record, its torque path, rigid axis, undersampled rows."""
