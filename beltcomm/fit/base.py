@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from beltcomm.compiled import in_one_thread
 from beltcomm.fit.estimate import AT_A_TIME, Fitted, fit, resume_fit
-from beltcomm.fit.far_off import least_plain_error
+from beltcomm.fit.least_squares import least_plain_error
 from beltcomm.fit.likelihood.problem import OFFSET_M
 from beltcomm.fit.noise.angle import NOISY
 from beltcomm.fit.noise.decimation import smallest_step

@@ -18,11 +18,11 @@ from beltcomm.errors import DataError
 from beltcomm.fit.model_fit import SUSPECT_MISFIT, ModelFit, fit_model
 from beltcomm.fit.residual.encoder_jumps import proven_jumps, refuse
 from beltcomm.fit.residual.segment import OUTLIER, Segment, segments, whitened_residual
-from beltcomm.fit.seldom_fit import fit_seldom
 from beltcomm.fit.start.first_estimate import NEEDED
 from beltcomm.fit.start.model import belt_start, correct_by_slow_motion, data_sheet
 from beltcomm.fit.torque.acting_torque import acting_recording
 from beltcomm.fit.torque.path import FAITHFUL, TorquePath
+from beltcomm.fit.undersampled_fit import fit_seldom
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from beltcomm.fit.band_error import shared_band
 from beltcomm.fit.base import in_groups_of
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.in_band import shared_band
 from beltcomm.fit.records import Data
 from beltcomm.fit.uncertainty.intervals import with_intervals
 from beltcomm.laboratory.acceptance import is_confirmed

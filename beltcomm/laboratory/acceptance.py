@@ -21,8 +21,8 @@ from dataclasses import replace
 import numpy as np
 
 from beltcomm.effects import Effect
+from beltcomm.fit.band_error import changes
 from beltcomm.fit.estimate import BLOCK_S, Fitted
-from beltcomm.fit.in_band import changes
 from beltcomm.fit.likelihood.problem import Problem
 from beltcomm.fit.records import PUBLISHED_SUBSTEPS, Data, group_of, with_whitener
 from beltcomm.fit.residual.observer import needs_observer

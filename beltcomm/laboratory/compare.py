@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm.errors import Refused, UsageError
+from beltcomm.fit.band_error import band_limited_errors, band_of
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.in_band import band_limited_errors, band_of
 from beltcomm.fit.records import Data
 from beltcomm.fit.residual.segment import Segment
 from beltcomm.identify.landmarks import shape_of

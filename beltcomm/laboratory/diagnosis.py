@@ -12,8 +12,8 @@ from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.fit.base import FIRST_ITERATIONS, NEXT_ITERATIONS, fit_base, in_groups_of, refit_with_rebuilt_motion
 from beltcomm.fit.estimate import Fitted, escape_local_minimum, fit
-from beltcomm.fit.far_off import least_plain_error
 from beltcomm.fit.gap_valley import settled_gap
+from beltcomm.fit.least_squares import least_plain_error
 from beltcomm.fit.records import PUBLISHED_SUBSTEPS, Data, prepare
 from beltcomm.fit.residual.observer import needs_observer
 from beltcomm.fit.start.model import data_sheet

@@ -18,7 +18,7 @@ from beltcomm.configfiles import did_you_mean
 from beltcomm.effects import EFFECTS, AxisSummary, Effect
 from beltcomm.errors import UsageError
 from beltcomm.fit.estimate import Fitted, fit, fit_of, problem_of
-from beltcomm.fit.far_off import least_in_band
+from beltcomm.fit.least_squares import least_in_band
 from beltcomm.fit.records import Data
 from beltcomm.fit.residual.observer import needs_observer
 from beltcomm.laboratory.acceptance import (

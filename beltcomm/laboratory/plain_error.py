@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from beltcomm.fit.band_error import QUIET_SHARE, Banded, band_limited_errors, band_of
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.in_band import QUIET_SHARE, Banded, band_limited_errors, band_of
 from beltcomm.fit.records import Data
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.laboratory.samples import units_of

@@ -9,9 +9,9 @@ import numpy as np
 
 from beltcomm.control import CascadeStructure
 from beltcomm.errors import DataError, Refused
-from beltcomm.fit.seldom_fit import SeldomFit
 from beltcomm.fit.torque.acting_torque import acting_recordings
 from beltcomm.fit.torque.reading_fit import WHOLE
+from beltcomm.fit.undersampled_fit import SeldomFit
 from beltcomm.identify.dead_time import DeadTime
 from beltcomm.identify.magnitude_fit import Solver
 from beltcomm.model import Model

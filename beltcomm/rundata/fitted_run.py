@@ -9,7 +9,7 @@ from pathlib import Path
 from beltcomm.errors import DataError
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.loads import load_remarks
-from beltcomm.fit.loads_found import clearest
+from beltcomm.fit.own_loads import clearest
 from beltcomm.fit.records import Data
 from beltcomm.fit.uncertainty.intervals import with_intervals
 from beltcomm.given import pasted

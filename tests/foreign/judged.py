@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from numpy.typing import NDArray
 
 from beltcomm.cli.main import cli
-from beltcomm.fit.in_band import Banded, in_band, low_passed
+from beltcomm.fit.band_error import Banded, in_band, low_passed
 from beltcomm.fit.residual.segment import Segment, segments
 from beltcomm.laboratory.plain_error import plain_error
 from beltcomm.model import Model

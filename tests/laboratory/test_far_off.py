@@ -10,9 +10,9 @@ import pytest
 from click.testing import CliRunner
 
 from beltcomm.cli.main import cli
+from beltcomm.fit.band_error import band_limited_errors, band_of
 from beltcomm.fit.estimate import evaluate_at
-from beltcomm.fit.far_off import least_plain_error
-from beltcomm.fit.in_band import band_limited_errors, band_of
+from beltcomm.fit.least_squares import least_plain_error
 from beltcomm.recording.signalfile import write_columns
 from beltcomm.rundata.fitted_run import open_fitted
 from beltcomm.talk import Silence

@@ -13,7 +13,7 @@ from click.testing import CliRunner, Result
 from beltcomm.axis.kinds import ARC_M
 from beltcomm.cli.main import cli
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.loads_found import own_loads
+from beltcomm.fit.own_loads import own_loads
 from beltcomm.fit.uncertainty.intervals import with_intervals
 from beltcomm.model.value import Value
 from beltcomm.recording.signalfile import write_columns

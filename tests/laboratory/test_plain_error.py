@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from beltcomm.fit.band_error import Banded, band_limited_errors, band_of, change, low_passed
 from beltcomm.fit.estimate import fit
-from beltcomm.fit.in_band import Banded, band_limited_errors, band_of, change, low_passed
 from beltcomm.fit.records import prepare
 from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory import acceptance

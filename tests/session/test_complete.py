@@ -10,7 +10,7 @@ import pytest
 from beltcomm.axis import load_axis
 from beltcomm.control import Cascade
 from beltcomm.drive.parameters import parameters_to_cascade
-from beltcomm.fit.in_band import low_passed
+from beltcomm.fit.band_error import low_passed
 from beltcomm.journal import events_of
 from beltcomm.laboratory.compare import compare
 from beltcomm.model import load_model

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from beltcomm.fit.band_error import QUIET_SHARE, band_limited_errors, band_of, in_band
 from beltcomm.fit.estimate import ENOUGH, STRETCH_S, Fitted, evaluate_at, problem_of
-from beltcomm.fit.in_band import QUIET_SHARE, band_limited_errors, band_of, in_band
 from beltcomm.fit.likelihood.problem import Problem
 from beltcomm.fit.records import Data
 from beltcomm.fit.residual.observer import needs_observer
