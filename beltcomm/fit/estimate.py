@@ -59,7 +59,7 @@ class Fitted:
     onward : Model or None
         With which the search would go on, where its iterations ended it.
     likeliest : Fitted or None
-        The likelihood's own minimum, from which a search begins, of a fit that is told with other values (``fit.far_off``).
+        The likelihood's own minimum, from which a search begins, of a fit that is told with other values (``fit.least_squares``).
     """
 
     model: Model

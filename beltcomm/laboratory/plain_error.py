@@ -1,4 +1,4 @@
-"""The error of a model in plain units: N m (N, A) and per cent of the torque, with the size of its noise beside it; see ``fit.in_band``."""
+"""The error of a model in plain units: N m (N, A) and per cent of the torque, with its noise beside it; see ``fit.band_error``."""
 
 from __future__ import annotations
 

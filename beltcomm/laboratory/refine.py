@@ -1,6 +1,6 @@
 """The best values of an effect's own parameters near a fitted model, before anything is refitted.
 
-What is fitted already gives way to first order (``beltcomm.fit.likelihood.local_quadratic``), so one look costs one evaluation of the effect; the
+What is fitted already gives way to first order (``likelihood.local_quadratic``), so one look costs one evaluation of the effect; the
 few parameters of its own are searched without derivatives, because gap and slack have none.
 """
 

@@ -1,6 +1,6 @@
 """Score test: how far would the error fall if one more effect were there, with everything else fitted again to first order?
 
-An effect switched on at a typical size changes the whitened residual by a column; ``beltcomm.fit.likelihood.local_quadratic`` says how far the
+An effect switched on at a typical size changes the whitened residual by a column; ``likelihood.local_quadratic`` says how far the
 objective falls with the best amount of it.  Finite changes and not derivatives: right for gap and slack, too.
 """
 

@@ -3,7 +3,7 @@
     O = Σ_b n_b φ(c_b - v(x) + v(x₀)),   φ(c) = c for c < 1,  1 + ln c above,   c_b : mean square of the whitened residual in block b
 
 It is the likelihood with unknown scale in bad blocks: a disturbed segment costs what its length is worth and no more.  v is what rounding
-alone adds to a block (``rounding_bias``): it is no reason to prefer a lighter motor.
+alone adds to a block (``residual.rounding_bias``): it is no reason to prefer a lighter motor.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Two noises make the residual e[n] of ``beltcomm.simulate.inverse``: that of the torque signal, w, and the encoder's rounding, q.  The
 rounding acts through the second difference of the angle, and through the belt as well, because the counted angle drives the
-carriage; at its antiresonance a rounding of 1/65536 of a turn is worth ten times the torque noise (``noise_path``).  A Kalman filter
+carriage; at its antiresonance a rounding of 1/65536 of a turn is worth ten times the torque noise (``propagation``).  A Kalman filter
 predicts e[n] from the kept samples before it; the innovations over their deviation are white, of variance 1 where the model is right,
 and their squares sum up to the errors-in-variables likelihood: the rounded angle in the regressor biases neither the inertia nor the
 belt's damping.

@@ -1,6 +1,6 @@
 """Choice between setpoint and reading as the torque that acts: by the motion, before any effect is looked for.
 
-Setpoint and reading tell the chain of drive and reading together (``reading_fit``); each filter, and what of the delay is no whole
+Setpoint and reading tell the chain of drive and reading together (``torque.reading_fit``); each filter, and what of the delay is no whole
 sample, may lie before the acting torque or behind it.  Each such split is fitted to the liveliest records, and the one that explains the
 motion best is taken.  A faithful reading that leaves nothing but noise needs no comparison.
 """

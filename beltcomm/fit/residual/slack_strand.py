@@ -20,7 +20,7 @@ STRETCHES, DOUBLED = 2001, 8
 def stiffness_left(model: Model, motion: FineMotion) -> Array | None:
     """Slope of the belt's law at the stretch that carries the load of each sample, (n,): 1 with both strands tight.
 
-    None where no strand goes slack.  A gap is no such law: its carriage is followed (``following``).  The belt is taken to be as stiff
+    None where no strand goes slack.  A gap is no such law: its carriage is followed (``observer``).  The belt is taken to be as stiff
     everywhere as in the middle of the way, and its damping to carry nothing: this is asked for the noise only.
     """
     laws = [e for e in model.effect_list() if e.slot == "belt_law" and not e.rattles]

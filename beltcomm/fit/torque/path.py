@@ -3,7 +3,7 @@
     setpoint --[delay, filter]--> acting torque --[filter, late]--> reading + sensor noise
 
 Setpoint and reading alone tell only both together.  How much of it lies before the acting torque and how much behind it is told by
-the motion (``path_choice``).  The acting torque is taken as the reading, with what the reading's filter took away of the part that
+the motion (``path_fit.choice``).  The acting torque is taken as the reading, with what the reading's filter took away of the part that
 the setpoint explains put back:
 
     u = r + y - L y,     y : setpoint through the drive,   L : the reading's filter,   r : reading

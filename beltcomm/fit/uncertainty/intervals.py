@@ -3,7 +3,7 @@
     over time       V = A⁻¹ (Σ_g s_g s_gᵀ) A⁻¹ G/(G - n)              sandwich form, groups g of :data:`GROUP_S`; never below A⁻¹
     among records   V = (G - 1)/G Σ_r d_r d_rᵀ,  d_r = A⁻¹ B (B - B_r)⁻¹ s_r   what leaving out a record would move (jackknife)
 
-A : information, B = Σ B_r less that of the rounding (``rounding_bias``).   s : gradient.
+A : information, B = Σ B_r less that of the rounding (``residual.rounding_bias``).   s : gradient.
 
 A law that is not quite the machine's makes long segments pull the same way, each kind of record another one; the scatter over time is
 blind to that.  What all records share of it no record can tell: so much is added (:data:`LAW`) to the parameters of every effect that is

@@ -2,7 +2,7 @@
 
     A = Σ ∂ν ∂νᵀ - E Σ ∂(W T ε) ∂(W T ε)ᵀ
 
-W, T as in ``beltcomm.fit.residual.rounding_bias``.  The expectation hangs on which samples are kept, so it is taken by one draw of the noises ε
+W, T as in ``residual.rounding_bias``.  The expectation hangs on which samples are kept, so it is taken by one draw of the noises ε
 on the samples as they are; thousands of samples make its scatter small.   Source: method sheet, section 3, "not JᵀJ".
 """
 
