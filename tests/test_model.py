@@ -206,7 +206,7 @@ def test_a_number_with_its_unit_in_a_plant_file_is_named(tmp_path: Path) -> None
 
 def test_what_is_held_no_fit_moves() -> None:
     model = load_plant("g_a").model
-    held = model.held("cart.mass")
+    held = model.with_fixed("cart.mass")
     assert "cart.mass" in free_parameters(model)
     assert "cart.mass" not in free_parameters(held)
     assert held.with_values({"cart.mass": 3.0})["cart.mass"] == 3.0  # another known value is held there

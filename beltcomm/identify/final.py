@@ -262,4 +262,4 @@ def by_position(model: Model, axis: Axis, recordings: Sequence[Recording], place
     position = effect_named("belt_spans")
     without = model.without_effect("belt_stiffness").with_effect(position.name, values, "final fit")
     order = (position.name, *(e for e in without.effects if e != position.name))
-    return Model(model.name, order, without.parameters, model.base_bodies, model.source).held("belt_spans.pulley_distance")
+    return Model(model.name, order, without.parameters, model.base_bodies, model.source).with_fixed("belt_spans.pulley_distance")

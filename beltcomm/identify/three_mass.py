@@ -242,7 +242,7 @@ def _starts(axis: Axis, two: Model, recordings: Sequence[Recording], suspect: bo
                     **{name: two.get(name) for name in ("viscous.damping", "coulomb.level", "cart_friction.level")},
                     "viscous_cart.damping": 0.0,
                 }
-                model = build_model(two.name, EFFECTS, values, origin="three-mass fit").held(GEOMETRY)
+                model = build_model(two.name, EFFECTS, values, origin="three-mass fit").with_fixed(GEOMETRY)
                 if all(low < model[name] < high for name, (low, high) in bounds.items()):
                     found = {n: replace(model.parameters[n], low=low, high=high) for n, (low, high) in bounds.items()}
                     yield replace(model, parameters={**model.parameters, **found})

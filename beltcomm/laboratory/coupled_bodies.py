@@ -189,7 +189,7 @@ def by_sections(model: Model, belt: float) -> Model | None:
     bare = model.without_effect(SPANS_BY_PLACE)
     bare = bare.without_effect("belt_damping") if "belt_damping" in bare.effects else bare
     grown = begun_at(bare.with_effect(SECTIONS), {f"{SECTIONS}.{name}": value for name, value in own.items()})
-    return None if grown is None else grown.held(f"{SECTIONS}.pulley_distance")
+    return None if grown is None else grown.with_fixed(f"{SECTIONS}.pulley_distance")
 
 
 def stiffness_at(model: Model, place_m: float) -> float:

@@ -246,7 +246,7 @@ class Model:
         """
         return {key: on_side(item, self.side) for key, item in effect_parameters(effect).items()}
 
-    def held(self, name: str) -> Model:
+    def with_fixed(self, name: str) -> Model:
         """The model with a parameter that no fit moves: without room between its bounds.
 
         Parameters
