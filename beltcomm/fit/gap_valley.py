@@ -23,7 +23,7 @@ CALMER, ITERATIONS = 4, 6
 STIFFNESS = "belt_stiffness.stiffness"
 
 
-def settled_gap(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
+def converged_gap(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
     """Records and model of a gap at the end of its valley, with a carriage that strays no further than this model leaves to chance.
 
     Parameters

@@ -12,7 +12,7 @@ from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.fit.base import FIRST_ITERATIONS, NEXT_ITERATIONS, fit_base, in_groups_of, refit_with_rebuilt_motion
 from beltcomm.fit.estimate import Fitted, escape_local_minimum, fit
-from beltcomm.fit.gap_valley import settled_gap
+from beltcomm.fit.gap_valley import converged_gap
 from beltcomm.fit.least_squares import least_plain_error
 from beltcomm.fit.records import PUBLISHED_SUBSTEPS, Data, prepare
 from beltcomm.fit.residual.observer import needs_observer
@@ -368,7 +368,7 @@ def accept_best(
         if best.effect is COUPLING:
             ahead, grown = settled(ahead, grown)
         if best.effect.rattles and needs_observer(grown.model):
-            ahead, grown = settled_gap(ahead, grown)
+            ahead, grown = converged_gap(ahead, grown)
         less = grown.ratio <= GROWN * current.ratio or share_left(current, grown) < 1.0
         if less and lowers(data, current, grown, ahead):
             return Acceptance(candidates, best, ahead, grown)

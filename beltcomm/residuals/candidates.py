@@ -113,7 +113,7 @@ def _candidate(scorer: Scorer, effect: Effect, cells: Cells, ground: AxisSummary
         m = np.stack([np.stack([cells.sums(left * right) for right in own.T], axis=1) for left in own.T], axis=1)
         trials.append(TrialSums(b, m, one.trial.signed))
     change = scorer.columns(effect, [scorer.model_with(effect, best.values, best.trial)])[:, 0]
-    left = nearby.followed(change, nearby.best(change).step)
+    left = nearby.predicted_residual(change, nearby.best(change).step)
     law = _law(scorer, effect, best, cells) if best.drop > DRAWN else None
     return CandidateEffect(effect.name, effect.title, evidence, dict(best.values), left.astype(np.float32), tuple(trials), law)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beltcomm.fit.noise.propagation import NoiseSchedule, noise_path, way
+from beltcomm.fit.noise.propagation import NoiseSchedule, noise_path, noise_schedule
 from beltcomm.fit.noise.whitening import whitener
 from beltcomm.fit.residual.segment import (
     STICK_SPEED_RAD_S,
@@ -48,7 +48,7 @@ def masked_covariance(keep: NDArray[np.bool_], c0: float, c1: float, c2: float) 
 
 def free_inertia(inertia: float, samples: int) -> NoiseSchedule:
     """Without a belt both noises are moving averages, whose covariance is written down in a line."""
-    return way(build_model("free", (), {"motor.inertia": inertia}, base_bodies=("motor",)), np.zeros(samples), PERIOD_S)
+    return noise_schedule(build_model("free", (), {"motor.inertia": inertia}, base_bodies=("motor",)), np.zeros(samples), PERIOD_S)
 
 
 def bands(inertia: float) -> tuple[float, float, float]:
@@ -92,7 +92,7 @@ def test_rounding_is_white_behind_a_belt_as_well(period_s: float, counts: int) -
     residual = torque_residuals(model, motion, NOISE_NM * rng.normal(size=n), [model.vector()], [0.0])[0]
     keep = np.ones(n, dtype=bool)
     keep[:500] = keep[-5:] = False  # the carriage starts at rest there, and at the end the spline has no sample behind it
-    white = whitener(keep, way(model, np.full(n, 0.25), period_s), step, NOISE_NM)(residual, keep)
+    white = whitener(keep, noise_schedule(model, np.full(n, 0.25), period_s), step, NOISE_NM)(residual, keep)
     for lag in range(4):
         product = white[lag:] * white[: len(white) - lag]
         assert np.mean(product) == pytest.approx(1.0 if lag == 0 else 0.0, abs=4.0 * np.sqrt(2.0 / n))
@@ -135,7 +135,7 @@ def test_rounding_is_white_all_along_a_way_on_which_the_stiffness_changes() -> N
         residual[k] = here.H @ state + here.D @ new
         state = here.F @ state + here.G @ new
     keep = np.ones(n, dtype=bool)
-    along = way(model, places, PERIOD_S)
+    along = noise_schedule(model, places, PERIOD_S)
     white = whitener(keep, along, STEP_RAD, NOISE_NM)(residual, keep)
     columns = whitener(keep, along, STEP_RAD, NOISE_NM)(np.stack([residual, 2.0 * residual], axis=1), keep)
     np.testing.assert_allclose(columns, np.stack([white, 2.0 * white], axis=1), rtol=0.0, atol=1e-9)
@@ -151,8 +151,8 @@ def test_where_a_law_holds_nothing_at_one_end_the_middle_stands_for_all(offset_m
     """Strands of no length, or of a negative one, as a search may come by."""
     model = build_model("axis", ("belt_spans", "belt_damping"), {"belt_spans.offset": offset_m, "belt_spans.pulley_distance": 1.25})
     places = np.linspace(-0.5 if offset_m > 0.1 else -offset_m, 0.5, 50)
-    assert len(way(model, places, PERIOD_S).paths) == 1
-    assert len(way(model, places + 0.1, PERIOD_S).paths) > 1
+    assert len(noise_schedule(model, places, PERIOD_S).paths) == 1
+    assert len(noise_schedule(model, places + 0.1, PERIOD_S).paths) > 1
 
 
 def test_whitened_noise_is_white() -> None:

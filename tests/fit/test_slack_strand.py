@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltcomm.fit.noise.propagation import way
+from beltcomm.fit.noise.propagation import noise_schedule
 from beltcomm.fit.noise.whitening import whitener
 from beltcomm.fit.residual.slack_strand import stiffness_left
 from beltcomm.model import Model, build_model
@@ -66,7 +66,9 @@ def test_rounding_is_white_also_while_a_strand_is_slack() -> None:
     keep = np.ones(SAMPLES, dtype=bool)
     keep[:1000] = keep[-1] = False
     places = motion.theta[::SUBSTEPS] * RATIO
-    white, blind = (whitener(keep, way(model, places, PERIOD_S, share), STEP_RAD, NOISE_NM)(residual, keep) for share in (left, None))
+    white, blind = (
+        whitener(keep, noise_schedule(model, places, PERIOD_S, share), STEP_RAD, NOISE_NM)(residual, keep) for share in (left, None)
+    )
     slack = left[keep] < 0.5
     assert np.mean(slack) > 0.2
     chance = {part: np.sqrt(2.0 / np.count_nonzero(slack == part)) for part in (True, False)}  # of the mean square of white noise

@@ -137,7 +137,7 @@ def searched(monkeypatch: pytest.MonkeyPatch, found: list[list[str]], own: Calla
     monkeypatch.setattr(diagnosis, "drop_superfluous", superfluous)
     monkeypatch.setattr(diagnosis, "refit_with_rebuilt_motion", lambda data, grown, _iterations: (data, grown))
     monkeypatch.setattr(diagnosis, "final_refit", lambda data, grown: (data, grown))
-    monkeypatch.setattr(diagnosis, "settled_gap", lambda data, grown: (data, grown))
+    monkeypatch.setattr(diagnosis, "converged_gap", lambda data, grown: (data, grown))
     monkeypatch.setattr(diagnosis, "fit_law_shapes", lambda _data, grown, _base: SimpleNamespace(fitted=grown, new=(), removed=()))
     monkeypatch.setattr(diagnosis, "assign_body", lambda *_: SimpleNamespace(new=()))
     for name in ("Scorer", "escape_if_far_off", "find_shortcut", "remaining_structure", "verdict_of"):

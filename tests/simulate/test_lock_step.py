@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from beltcomm.effects import EFFECTS as CATALOGUE
 from beltcomm.errors import UsageError
-from beltcomm.fit.noise.propagation import way
+from beltcomm.fit.noise.propagation import noise_schedule
 from beltcomm.fit.noise.whitening import whitener
 from beltcomm.fit.residual.observer import Observation, Observer, innovations, tuned_observers, untuned_observer
 from beltcomm.fit.residual.segment import Segment, group_starts
@@ -230,7 +230,7 @@ def test_neighbours_in_length_run_together_and_one_that_outlasts_them_alone() ->
 def test_columns_are_whitened_side_by_side_as_by_the_general_filter(shares: tuple[float, float], count: int) -> None:
     random = np.random.default_rng(count)
     keep, columns = random.random(800) < 0.9, random.standard_normal((800, count))
-    known = whitener(keep, way(model(), np.full(800, 0.2), 1e-3), 1e-4, 5e-3, shares)
+    known = whitener(keep, noise_schedule(model(), np.full(800, 0.2), 1e-3), 1e-4, 5e-3, shares)
     f, h = np.concatenate([known.F] * 2), np.concatenate([known.H] * 2)
     general = filter_columns(columns, keep, f, h, known.gains, known.deviations, np.zeros(800))
     np.testing.assert_allclose(known(columns, keep), general, rtol=0.0, atol=1e-11 * np.abs(general).max())

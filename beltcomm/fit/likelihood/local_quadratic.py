@@ -144,7 +144,7 @@ class LocalQuadratic:
         ways = self.inverse @ self.weighted.transpose_times(columns)[self.used]
         return columns - np.stack([self._residual_change(way) for way in ways.T], axis=1)
 
-    def followed(self, change: Array, step: Array) -> Array:
+    def predicted_residual(self, change: Array, step: Array) -> Array:
         """The residual, (n,), with a change of it and the step of everything fitted that :meth:`best` answers it with."""
         return self.residual + change + self._residual_change(step[self.moving] * self.norms)
 

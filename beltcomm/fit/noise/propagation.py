@@ -113,7 +113,7 @@ class NoiseSchedule:
     level: NDArray[np.int64]
 
 
-def way(model: Model, places_m: Array, sample_s: float, left: Array | None = None) -> NoiseSchedule:
+def noise_schedule(model: Model, places_m: Array, sample_s: float, left: Array | None = None) -> NoiseSchedule:
     """The paths at the places of the carriage, (n,), m: one in the middle of the way, several where the belt's stiffness changes on it
     and is known everywhere, or where a strand goes slack.
 

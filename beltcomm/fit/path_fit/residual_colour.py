@@ -48,7 +48,7 @@ def with_likeliest_colour(data: Data, fitted: Fitted, residuals: Sequence[Array]
         return data
     search = _ColourSearch(data, fitted.model, residuals)
     most = (0.0, LARGEST) if data.path.commanded else (0.0, data.colour)
-    ends = [search.least(pole) for pole in FIRST_POLES if pole < most[1]] if most[1] > 0.0 else []
+    ends = [search.minimum_from(pole) for pole in FIRST_POLES if pole < most[1]] if most[1] > 0.0 else []
     white, here = search.level_at(0.0), search.cost(np.array([0.0, _logit(data.colour)]))
     price = math.log(search.count) + CLEAR
     best = min(ends, key=lambda end: end[0], default=None)
@@ -106,7 +106,7 @@ class _ColourSearch:
     def cost(self, x: Array, pole: float | None = None) -> float:
         return sum(float(white @ white) + logarithms for _, white, logarithms in self.whites(x, pole))
 
-    def least(self, pole: float) -> tuple[float, Array]:
+    def minimum_from(self, pole: float) -> tuple[float, Array]:
         """The best end from a pole to begin with."""
         begun = np.array([min(0.0, self.high), _logit(pole)])
         simplex = begun + np.array([[0.0, 0.0], [-0.3, 0.0], [0.0, 0.8]])

@@ -22,7 +22,7 @@ from beltcomm.compiled import compiled
 from beltcomm.fit.noise.colour import WHITE_NOISE, NoiseColour
 from beltcomm.fit.noise.decimation import decimate, decimate_torque, decimated_noise, decimation, smallest_step
 from beltcomm.fit.noise.process_torque import Unread
-from beltcomm.fit.noise.propagation import NoiseSchedule, way
+from beltcomm.fit.noise.propagation import NoiseSchedule, noise_schedule
 from beltcomm.fit.noise.whitening import Whitener, whitener
 from beltcomm.fit.residual.observer import Observation, Observer, innovations, needs_observer, tuned_observers, untuned_observer
 from beltcomm.fit.residual.reversals import LEVEL, motion_through_reversals, turns_at_once
@@ -522,4 +522,4 @@ def noise_paths_of(segment: Segment, model: Model) -> NoiseSchedule:
     """Paths of torque noise and rounding to the residual of a segment."""
     motion, model = segment.motion, loaded_model(model, segment.motion.mounted)
     places = motion.theta[:: motion.substeps] * model["transmission.ratio"]
-    return way(model, places, motion.sample_s, stiffness_left(model, motion))
+    return noise_schedule(model, places, motion.sample_s, stiffness_left(model, motion))
