@@ -85,7 +85,7 @@ def may_be_coupled(current: Fitted) -> bool:
 def with_coupling(data: Data, current: Fitted, axis: Axis) -> tuple[Data, Fitted] | None:
     """Records and model with a coupling that was asked for, whatever speaks for it; None where nothing can be begun."""
     found = grown_by_coupling(data, current, axis, alone=True) if may_be_coupled(current) else None
-    return None if found is None else settled(*refit_with_rebuilt_motion(found[0], found[2], NEXT_ITERATIONS))
+    return None if found is None else refit_from_several_stiffnesses(*refit_with_rebuilt_motion(found[0], found[2], NEXT_ITERATIONS))
 
 
 def with_sections(data: Data, current: Fitted) -> Fitted | None:
@@ -234,7 +234,7 @@ def by_objective(fits: Iterable[Fitted]) -> list[Fitted]:
     return sorted((fitted for fitted in fits if math.isfinite(fitted.objective)), key=lambda fitted: fitted.objective)
 
 
-def settled(data: Data, grown: Fitted) -> tuple[Data, Fitted]:
+def refit_from_several_stiffnesses(data: Data, grown: Fitted) -> tuple[Data, Fitted]:
     """Records and model with a coupling, the motion between the samples rebuilt by it until both agree, from several stiffnesses; the best.
 
     The pulley swings faster than the samples show, so what it did there follows from the model, and more than one model agrees with that.

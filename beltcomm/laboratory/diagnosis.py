@@ -21,7 +21,7 @@ from beltcomm.fit.uncertainty.intervals import with_intervals
 from beltcomm.laboratory.acceptance import EVIDENCE, drop_by, impossible, is_refuted, lowers, share_left
 from beltcomm.laboratory.backward_elimination import drop_superfluous
 from beltcomm.laboratory.compare import compare
-from beltcomm.laboratory.coupled_bodies import COUPLING, coupling_candidate, settled
+from beltcomm.laboratory.coupled_bodies import COUPLING, coupling_candidate, refit_from_several_stiffnesses
 from beltcomm.laboratory.forward_selection import (
     MISSING,
     MOSTLY,
@@ -366,7 +366,7 @@ def accept_best(
         trying(best)
         ahead, grown = refit_with_rebuilt_motion(data, best.fitted, NEXT_ITERATIONS)
         if best.effect is COUPLING:
-            ahead, grown = settled(ahead, grown)
+            ahead, grown = refit_from_several_stiffnesses(ahead, grown)
         if best.effect.rattles and needs_observer(grown.model):
             ahead, grown = converged_gap(ahead, grown)
         less = grown.ratio <= GROWN * current.ratio or share_left(current, grown) < 1.0

@@ -65,7 +65,7 @@ def test_a_coupling_and_an_end_pulley_that_hide_each_other_are_found(
     assert found.fitted is not None
     assert found.accepted
     assert found.beside == "end_pulley"
-    _, best = coupled_bodies.settled(data, found.fitted)
+    _, best = coupled_bodies.refit_from_several_stiffnesses(data, found.fitted)
     assert best.ratio < 1.1
     assert best.model["cart.mass"] == pytest.approx(truth["mass"], rel=0.02)
     assert best.model["coupling.stiffness"] == pytest.approx(truth["stiffness"], rel=0.2)
