@@ -16,7 +16,7 @@ from beltcomm.experiments.options import Options, given
 from beltcomm.given import Place, pasted, place
 from beltcomm.language import tr
 from beltcomm.result import Line, Result
-from beltcomm.rundata.headline import Following, following, headline_of
+from beltcomm.rundata.headline import NextCommand, headline_of, next_command
 from beltcomm.rundata.revisions import Revision, revisions
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import screens
@@ -65,7 +65,7 @@ def improve(
         *(Line("   ", (f"{tr('check'):<9}", "title"), check) for check in _checks(added)),
         *[line for line in designed.text if isinstance(line, Line) and line.strip().startswith((tr("gains"), tr("loop")))],
         *screens.headline_lines(after),
-        *screens.next_lines(following(folder, after, drive or "")),
+        *screens.next_lines(next_command(folder, after, drive or "")),
     ]
     if stopped is not None:
         talk.say(*text)
@@ -91,9 +91,9 @@ def _nothing(run: Any, data: Mapping[str, Any], found: Result, named: list[str])
     said = tr("the model explains what was measured") if fine else str(verdict)
     said += tr(": not sure enough to be added: {names}", names=", ".join(named)) if named else ""
     text = [Line(""), Line("  ", state, "   ", (said, "title")), Line("")]
-    step = Following(f"beltcomm open {pasted(run)}", tr("other gains on a page"))
+    step = NextCommand(f"beltcomm open {pasted(run)}", tr("other gains on a page"))
     if not fine:
-        step = Following(f"beltcomm compare {pasted(run)}", tr("where the error sits"))
+        step = NextCommand(f"beltcomm compare {pasted(run)}", tr("where the error sits"))
     text += screens.next_lines(step)
     return Result({"run": str(run), "added": [], "verdict": verdict}, text, 0 if fine else 1, details=[*found.text, *found.details])
 

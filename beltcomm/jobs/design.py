@@ -23,7 +23,7 @@ from beltcomm.rundata.delays import measure_delay_and_damping
 from beltcomm.rundata.design_proof import grounds_of, prove
 from beltcomm.rundata.findings import Findings
 from beltcomm.rundata.fitted_run import records_of
-from beltcomm.rundata.headline import OF, following, hashes_of, headline_of
+from beltcomm.rundata.headline import OF, hashes_of, headline_of, next_command
 from beltcomm.rundata.kept_fit import kept_path
 from beltcomm.rundata.proof import SUSPECT, doubts, error_of, same_gains, suspect, thin_margins
 from beltcomm.rundata.revisions import current_revision, unfitted
@@ -152,7 +152,7 @@ def delivered(
         *screens.proof_lines(proof),
         *([Line("   ", f"{tr('replaced'):<9}{kept}")] if kept else []),
         *screens.warning_lines(warnings),
-        *screens.next_lines(following(folder, headline_of(folder))),
+        *screens.next_lines(next_command(folder, headline_of(folder))),
     ]
     details = [
         *words.design_lines(findings.design, findings.cascade),

@@ -33,8 +33,8 @@ from beltcomm.recording import Recording
 from beltcomm.result import Result, plain
 from beltcomm.rundata.cost import cost_and_words, with_costs
 from beltcomm.rundata.fitted_run import explainable, open_fitted
-from beltcomm.rundata.headline import EXPLAINED, Following, headline_of
-from beltcomm.rundata.headline import following as best_step
+from beltcomm.rundata.headline import EXPLAINED, NextCommand, headline_of
+from beltcomm.rundata.headline import next_command as best_step
 from beltcomm.rundata.kept_fit import KEY
 from beltcomm.rundata.kept_result import kept_or_new
 from beltcomm.rundata.revisions import (
@@ -145,13 +145,13 @@ def compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
     return Result(data, [*text, *next_lines(after_comparison(here.folder, comparison, bool(doubt)))], details=details)
 
 
-def after_comparison(folder: RunFolder, comparison: Comparison, doubted: bool) -> Following:
+def after_comparison(folder: RunFolder, comparison: Comparison, doubted: bool) -> NextCommand:
     """The command to type next: a search only where something is left to be found."""
     run = pasted(folder.path)
     if doubted or max(comparison.ratio, comparison.held_out or 0.0) > EXPLAINED:
-        return Following(f"beltcomm diagnose {run}", "names what the model lacks")
+        return NextCommand(f"beltcomm diagnose {run}", "names what the model lacks")
     if not folder.axis.has_transmission:
-        return Following(f"beltcomm report {run}", "everything known of the axis on one page")
+        return NextCommand(f"beltcomm report {run}", "everything known of the axis on one page")
     return best_step(folder, headline_of(folder))
 
 

@@ -32,7 +32,7 @@ from beltcomm.model import Model
 from beltcomm.recording.signalfile import write_columns
 from beltcomm.result import Line, Result
 from beltcomm.rundata import analyse, offline
-from beltcomm.rundata.headline import OF, Following, behind, drive_of, following, hashes_of, headline_of
+from beltcomm.rundata.headline import OF, NextCommand, behind, drive_of, hashes_of, headline_of, next_command
 from beltcomm.rundata.proof import LEARNT, proof
 from beltcomm.rundata.store import saved_design, verdict_to_dict
 from beltcomm.runfolder import RunFolder, next_free
@@ -294,7 +294,7 @@ def _result(
         if feedforward == "compliant"
         else []
     )
-    step = following(folder, headline, drive)
+    step = next_command(folder, headline, drive)
     first = headline
     if feedforward is not None and not verdict.passed and headline.move != f"verify_{record}":  # the run's own move is another one
         told = tr("this move, with feedforward {kind} in place of the design's, misses its target", kind=feedforward)
@@ -302,7 +302,7 @@ def _result(
     if typed:
         notes.append(typed_words(verdict))
         if step.writes_gains:
-            step = Following(f"beltcomm report {pasted(folder.path)}", tr("save the gains with the maker's tool, and keep this run"))
+            step = NextCommand(f"beltcomm report {pasted(folder.path)}", tr("save the gains with the maker's tool, and keep this run"))
     text = [
         Line(""),
         *screens.headline_lines(first),

@@ -16,7 +16,7 @@ from beltcomm.pages.gather import Gathered, gathered
 from beltcomm.pages.page_file import admit_page, write_page
 from beltcomm.report.page import Fact, Page, State, render
 from beltcomm.result import Result, plain
-from beltcomm.rundata.headline import MEANINGS, following, headline_of
+from beltcomm.rundata.headline import MEANINGS, headline_of, next_command
 from beltcomm.sentences.cross_checks import sheet_lines
 from beltcomm.sentences.laboratory import error_words
 from beltcomm.sentences.own_words import said_in
@@ -194,5 +194,5 @@ def next_steps(run: Gathered, called: str = "") -> list[str]:
     called : str
         The run's folder as a terminal takes it; on a page, :attr:`Gathered.place`.
     """
-    found = following(run.folder, headline_of(run.folder), called=called or run.place)
+    found = next_command(run.folder, headline_of(run.folder), called=called or run.place)
     return [f"{found.command}: {found.why}"]

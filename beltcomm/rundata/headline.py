@@ -92,7 +92,7 @@ class Headline:
 
 
 @dataclass(frozen=True)
-class Following:
+class NextCommand:
     """The command to type next.
 
     Attributes
@@ -177,7 +177,7 @@ def targets_of(result: Mapping[str, Any], asked: AxisTargets) -> AxisTargets:
     return AxisTargets(**{key: value for key, value in told.items() if key in known and value is not None})
 
 
-def following(folder: RunFolder, headline: Headline, drive: str = "", *, applied: str = "restore", called: str = "") -> Following:
+def next_command(folder: RunFolder, headline: Headline, drive: str = "", *, applied: str = "restore", called: str = "") -> NextCommand:
     """The one command that helps most now.
 
     Parameters
@@ -193,31 +193,31 @@ def following(folder: RunFolder, headline: Headline, drive: str = "", *, applied
     drive = drive or drive_of(folder)
     with_drive = f"--drive {pasted(drive)} --run {run}"
     if folder.has_axis and not folder.axis.has_transmission:
-        return Following(f"beltcomm diagnose {run}", tr("what the model misses"))
+        return NextCommand(f"beltcomm diagnose {run}", tr("what the model misses"))
     if "final" not in folder.names("models"):
-        return Following(f"beltcomm fit {run}", tr("a model of the records"))
+        return NextCommand(f"beltcomm fit {run}", tr("a model of the records"))
     design, model = folder.load("designs", "final") if "final" in folder.names("designs") else {}, _model_of(folder)
     if suspect(folder, designed=not _outdated(design, model)):
-        return Following(f"beltcomm improve {run}", tr("names what the model lacks, adds it, designs again"))
+        return NextCommand(f"beltcomm improve {run}", tr("names what the model lacks, adds it, designs again"))
     if not design or _outdated(design, model) or (unfitted(folder) and current_revision(folder) is None):
-        return Following(
+        return NextCommand(
             f"beltcomm design {run}", tr("gains with margins, of the model as it is now") if design else tr("gains with margins")
         )
     if headline.state in ("open", "stale"):
-        return Following(f"beltcomm verify {with_drive}", tr("a move that proves the gains"))
+        return NextCommand(f"beltcomm verify {with_drive}", tr("a move that proves the gains"))
     if folder.load("results", headline.move).get(OWN):
         if headline.good:
-            return Following(f"beltcomm report {run}", tr("nothing has to be typed in: the loop in the drive does"))
-        return Following(f"beltcomm verify {with_drive}", tr("when the gains are typed in with the maker's tool"))
+            return NextCommand(f"beltcomm report {run}", tr("nothing has to be typed in: the loop in the drive does"))
+        return NextCommand(f"beltcomm verify {with_drive}", tr("when the gains are typed in with the maker's tool"))
     if headline.state == "fail":
-        return Following(f"beltcomm open {run}", tr("other gains on a page; or state other targets, or a slower move"))
+        return NextCommand(f"beltcomm open {run}", tr("other gains on a page; or state other targets, or a slower move"))
     if folder.drive.get("hardware") == "virtual":
-        return Following(f"beltcomm open {run}", tr("model and other gains on a page; a virtual drive keeps none"))
+        return NextCommand(f"beltcomm open {run}", tr("model and other gains on a page; a virtual drive keeps none"))
     if applied == "restore":
-        return Following(f"beltcomm apply {with_drive}", tr("writes the gains; --save keeps them beyond power-off"), True)
+        return NextCommand(f"beltcomm apply {with_drive}", tr("writes the gains; --save keeps them beyond power-off"), True)
     if applied == "keep":
-        return Following(f"beltcomm apply {with_drive} --save", tr("keeps the gains beyond power-off"), True)
-    return Following(f"beltcomm report {run}", tr("the page for the file of this machine"))
+        return NextCommand(f"beltcomm apply {with_drive} --save", tr("keeps the gains beyond power-off"), True)
+    return NextCommand(f"beltcomm report {run}", tr("the page for the file of this machine"))
 
 
 def behind(folder: RunFolder) -> list[str]:

@@ -16,7 +16,7 @@ from beltcomm.result import Line, plain
 from beltcomm.rundata import analyse
 from beltcomm.rundata.delays import delay
 from beltcomm.rundata.findings import Findings
-from beltcomm.rundata.headline import OF, OWN, following, hashes_of, headline_of
+from beltcomm.rundata.headline import OF, OWN, hashes_of, headline_of, next_command
 from beltcomm.rundata.kept_fit import KEY, keep_fit
 from beltcomm.rundata.revisions import RECORDS
 from beltcomm.rundata.store import design_to_dict, fit_to_dict, verdict_to_dict
@@ -266,6 +266,6 @@ def closing(folder: RunFolder, findings: Findings, drive: str, page: str = "") -
     }[findings.applied]
     if findings.own_loop:
         state = tr("the gains that a person has set stand in the drive")
-    step = following(folder, headline_of(folder), drive, applied=findings.applied)
+    step = next_command(folder, headline_of(folder), drive, applied=findings.applied)
     where = page or tr("Run {run}", run=folder.path)
     return [Line("  ", where, "   ", (f"({state})", "soft")), *screens.next_lines(step)]

@@ -23,7 +23,7 @@ from beltcomm.model import Model
 from beltcomm.result import Line, command_lines
 from beltcomm.rundata import analyse
 from beltcomm.rundata.design_proof import DesignProof
-from beltcomm.rundata.headline import EXPLAINED, MEANINGS, Following, Headline
+from beltcomm.rundata.headline import EXPLAINED, MEANINGS, Headline, NextCommand
 from beltcomm.verify import TrackingError, Verdict
 
 #: Columns of a screen; warnings that it shows.
@@ -229,7 +229,7 @@ def warning_lines(texts: Sequence[str]) -> list[Line]:
     return lines + ([Line("   ", (f"! {tr('{count} more notes', count=left)}: --details", "note"))] if left > 0 else [])
 
 
-def next_lines(step: Following) -> list[Line]:
+def next_lines(step: NextCommand) -> list[Line]:
     """The command to type next."""
     return command_lines(step.command, step.why)
 

@@ -12,7 +12,7 @@ from beltcomm.axis import axis_from_dict, load_axis, save_axis
 from beltcomm.axis.entries import AxisTargets
 from beltcomm.configfiles import read_yaml
 from beltcomm.errors import UsageError
-from beltcomm.rundata.headline import following, headline_of
+from beltcomm.rundata.headline import headline_of, next_command
 from beltcomm.runfolder import RunFolder
 from session.conftest import Complete
 
@@ -39,7 +39,7 @@ def test_other_gains_make_a_verification_out_of_date(copy: Path) -> None:
     said = headline_of(folder)
     assert said.state == "stale"
     assert "other gains" in said.sentence
-    assert following(folder, said, "can0").command.startswith("beltcomm verify --drive can0 --run ")
+    assert next_command(folder, said, "can0").command.startswith("beltcomm verify --drive can0 --run ")
 
 
 def test_another_model_makes_it_out_of_date_and_asks_for_a_design(copy: Path) -> None:
@@ -50,7 +50,7 @@ def test_another_model_makes_it_out_of_date_and_asks_for_a_design(copy: Path) ->
     said = headline_of(folder)
     assert said.state == "stale"
     assert "another model" in said.sentence
-    assert following(folder, said, "can0").command.startswith("beltcomm design ")
+    assert next_command(folder, said, "can0").command.startswith("beltcomm design ")
 
 
 def test_a_model_that_is_not_trusted_is_never_a_pass(copy: Path) -> None:
@@ -59,7 +59,7 @@ def test_a_model_that_is_not_trusted_is_never_a_pass(copy: Path) -> None:
     said = headline_of(folder)
     assert said.state == "doubt"
     assert not said.good
-    assert "rollback" not in following(folder, said, "can0").command
+    assert "rollback" not in next_command(folder, said, "can0").command
 
 
 @pytest.mark.parametrize(("ratio", "state", "command"), [(1.0, "open", "design"), (2.0, "doubt", "improve")])
@@ -79,13 +79,13 @@ def test_an_effect_that_was_added_is_judged_and_not_the_fit_before(copy: Path, r
     said = headline_of(folder)
     assert said.state == state
     assert said.sentence.endswith("the design is of an earlier model")
-    assert following(folder, said, "can0").command.startswith(f"beltcomm {command} ")
+    assert next_command(folder, said, "can0").command.startswith(f"beltcomm {command} ")
 
 
 @pytest.mark.parametrize("applied", ["restore", "keep", "save"])
 def test_what_follows_a_success_is_no_rollback(complete: Complete, applied: str) -> None:
     folder = RunFolder.open(complete.path)
-    assert "rollback" not in following(folder, headline_of(folder), "can0", applied=applied).command
+    assert "rollback" not in next_command(folder, headline_of(folder), "can0", applied=applied).command
 
 
 def test_a_result_is_judged_by_the_targets_it_was_driven_with(copy: Path) -> None:
