@@ -145,6 +145,6 @@ def late_s(model: Model) -> float:
     return sum(max(0.0, model.get(name)) for effect, name in DELAYS if effect in model.effects)
 
 
-def unseen(model: Model) -> tuple[str, ...]:
+def neglected_effects(model: Model) -> tuple[str, ...]:
     """Effects that the margins do not know although they change the belt's stiffness with its load."""
     return tuple(e.name for e in model.effect_list() if e.slot == "belt_law")

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from beltcomm.control import Cascade
 from beltcomm.design.cascade import DesignResult
-from beltcomm.design.structure import late_s, unseen
+from beltcomm.design.structure import late_s, neglected_effects
 from beltcomm.drive import simulated
 from beltcomm.fit.model_fit import ModelFit
 from beltcomm.fit.noise.level import error_floor_words
@@ -176,7 +176,7 @@ def knowledge_lines(model: Model, along: Sequence[str], which: str) -> list[str]
     late = late_s(model)
     if late > 0.0:
         lines.append(f"  the margins count {1e3 * late:.2f} ms of late torque that the model has")
-    if blind := unseen(model):
+    if blind := neglected_effects(model):
         lines.append(f"  the margins do not know {', '.join(blind)}: the belt counts as it is under load")
     return lines
 
