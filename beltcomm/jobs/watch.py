@@ -255,7 +255,7 @@ def _of_log(log: GrowingLog, clock: Clock | None, idle_s: float, stack: ExitStac
             else:
                 clock.sleep_until(clock.now() + LOOK_S)
                 quiet_s += LOOK_S
-        log.again()
+        log.rescan()
         yield True
 
     return pieces(), log
@@ -285,7 +285,7 @@ def _of_drive(
             yield False
             if (idle_s is not None and quiet_s > idle_s) or (played and not frames):
                 break
-        stream.again()
+        stream.rescan()
         yield True
 
     return pieces(), stream

@@ -82,7 +82,7 @@ class BusStream:
         self.notes = ()
         return found
 
-    def again(self) -> None:
+    def rescan(self) -> None:
         """Have the kept frames looked at once more, for nothing follows them."""
         self._came = True
 

@@ -116,7 +116,7 @@ class AxisDrift:
                 if self._standing(key).state == "alarm":
                     self._first[key].clear()
                 elif len(self._first[key]) >= BASE:
-                    self._base[key] = MoveEstimate(*together(key, self._first[key]))
+                    self._base[key] = MoveEstimate(*pooled(key, self._first[key]))
         return [self._standing(key) for key in self._last]
 
     def _standing(self, key: str) -> Standing:
@@ -127,7 +127,7 @@ class AxisDrift:
         why = limit.why if limit is not None else ""
         if len(last) < FEWEST:
             return Standing(key, reference, base, math.nan, math.nan, low, high, why, "few")
-        value, interval = together(key, last)
+        value, interval = pooled(key, last)
         deviation = math.hypot(interval, against.interval) / NORMAL
         off = value - against.value
         if key == ERROR:
@@ -138,7 +138,7 @@ class AxisDrift:
         return Standing(key, reference, base, value, interval, low, high, why, state)
 
 
-def together(key: str, told: Sequence[MoveEstimate]) -> tuple[float, float]:
+def pooled(key: str, told: Sequence[MoveEstimate]) -> tuple[float, float]:
     """A quantity over moves, and its interval."""
     if len(told) == 1:
         return told[0].value, told[0].interval

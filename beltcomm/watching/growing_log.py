@@ -117,7 +117,7 @@ class GrowingLog:
         """Bytes of the file that have been read."""
         return self._read if self._lines else self._size
 
-    def again(self) -> None:
+    def rescan(self) -> None:
         """Have the window looked at once more, for nothing follows it."""
         self._again, self._size = True, -1
 

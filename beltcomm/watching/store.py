@@ -13,7 +13,7 @@ from beltcomm.atomic import append_line
 from beltcomm.errors import UsageError
 from beltcomm.locks import link_refused
 from beltcomm.outside import opened
-from beltcomm.watching.drift import BASE, together
+from beltcomm.watching.drift import BASE, pooled
 from beltcomm.watching.judge import ERROR, MoveEstimate
 
 FOLDER, FILE = "watch", "moves.jsonl"
@@ -97,9 +97,7 @@ def by_day(run: Path) -> list[tuple[float, dict[str, tuple[float, float]]]]:
             dates.setdefault(day, []).append(float(entry["date_s"]))
             for key, one in told_by(entry).items():
                 told.setdefault(day, {}).setdefault(key, []).append(MoveEstimate(one.value / bases[key], one.interval / bases[key]))
-    return [
-        (float(np.mean(dates[day])), {key: together(key, pairs) for key, pairs in found.items()}) for day, found in sorted(told.items())
-    ]
+    return [(float(np.mean(dates[day])), {key: pooled(key, pairs) for key, pairs in found.items()}) for day, found in sorted(told.items())]
 
 
 def _parts(run: Path) -> list[list[Mapping[str, Any]]]:
@@ -116,4 +114,4 @@ def _parts(run: Path) -> list[list[Mapping[str, Any]]]:
 def _bases(told: list[dict[str, MoveEstimate]]) -> dict[str, float]:
     """Every quantity over the first moves that told it."""
     keys = dict.fromkeys(key for one in told for key in one)
-    return {key: abs(together(key, [one[key] for one in told if key in one][:BASE])[0]) for key in keys}
+    return {key: abs(pooled(key, [one[key] for one in told if key in one][:BASE])[0]) for key in keys}
