@@ -79,7 +79,7 @@ def _judgement(recording: Recording) -> str:
             f"{torque} is never below 0 while the axis moves both ways, and with the sign of the motion it would fit: a magnitude (rms), "
             "which tells no torque; record the value with its sign (the q component of the current)"
         )
-    if found is not None and not found.together:
+    if found is not None and not found.consistent:
         return (
             f"{torque} and {position} do not belong together: the motion explains {100.0 * max(found.explained, 0.0):.2g} % of the torque, "
             "as of one of another time; look for the columns of one axis and one record, for rows that were sorted apart, and for other "

@@ -118,7 +118,7 @@ def _drivers(
         for name in names:
             if name != motion and not _same(values[name], values[motion]) and roughness(values[name]) > roughness(values[motion]):
                 told = belonging(stamps, values[name], values[motion])
-                if told is not None and told.together and told.explained > _DRIVES:
+                if told is not None and told.consistent and told.explained > _DRIVES:
                     found.append((told.explained, name, motion))
     if not found:
         return (), position

@@ -60,7 +60,7 @@ class Belonging:
     swapped: bool = False
 
     @property
-    def together(self) -> bool:
+    def consistent(self) -> bool:
         """True if they may belong together: refused only where the motion explains no more than chance."""
         return not self.swapped and (self.explained >= SURE or self.explained > max(self.chance, NOTHING))
 

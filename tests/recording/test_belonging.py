@@ -26,7 +26,7 @@ def test_a_motion_of_a_few_steps_of_the_encoder_is_not_judged(seed: int) -> None
     assert belonging(T_S, torque, step * np.round(angle / step)) is None
     found = belonging(T_S, torque, angle)
     assert found is not None
-    assert found.together
+    assert found.consistent
 
 
 def test_more_steps_are_judged() -> None:
@@ -35,4 +35,4 @@ def test_more_steps_are_judged() -> None:
     step = float(np.ptp(angle)) / 300.0
     found = belonging(T_S, other, step * np.round(angle / step))
     assert found is not None
-    assert not found.together
+    assert not found.consistent
