@@ -43,7 +43,7 @@ SAME_PLAN = 0.05
 
 
 @dataclass(frozen=True)
-class Extent:
+class ConfirmedBounds:
     """Upper bounds of motion: of one plan on one axis, or of all that were confirmed.
 
     Attributes
@@ -58,7 +58,7 @@ class Extent:
     most: Mapping[str, float]
 
     @classmethod
-    def of(cls, axis: Axis, plan: Plan, profile: str | None) -> Extent:
+    def of(cls, axis: Axis, plan: Plan, profile: str | None) -> ConfirmedBounds:
         """Of a plan.
 
         Parameters
@@ -73,7 +73,7 @@ class Extent:
         return cls(machine, most | {name: max(getattr(e, name) for e in plan.experiments) for name in ASKED})
 
     @classmethod
-    def from_dict(cls, entry: Any) -> Extent:
+    def from_dict(cls, entry: Any) -> ConfirmedBounds:
         """As :meth:`to_dict` has it; nothing at all for what cannot be read."""
         try:
             return cls(dict(entry["machine"]), {str(name): float(value) for name, value in entry["most"].items()})
@@ -84,7 +84,7 @@ class Extent:
         """For a file."""
         return {"machine": dict(self.machine), "most": dict(self.most)}
 
-    def unconfirmed_entries(self, confirmed: Extent) -> list[str]:
+    def unconfirmed_entries(self, confirmed: ConfirmedBounds) -> list[str]:
         """Entries that were not confirmed, in words."""
         found = []
         for name, here in self.machine.items():
@@ -98,11 +98,11 @@ class Extent:
                 found.append(f"{ASKED.get(name, name.removeprefix(LOWER))} {now}, was {then}")
         return found
 
-    def with_(self, confirmed: Extent) -> Extent:
+    def with_(self, confirmed: ConfirmedBounds) -> ConfirmedBounds:
         """This and what was confirmed on the same machine before."""
         if confirmed.machine != self.machine:
             return self
-        return Extent(self.machine, {name: max(most, confirmed.most.get(name, most)) for name, most in self.most.items()})
+        return ConfirmedBounds(self.machine, {name: max(most, confirmed.most.get(name, most)) for name, most in self.most.items()})
 
 
 def confirm_first_motion(
@@ -131,7 +131,10 @@ def confirm_first_motion(
         )
     known = hardware.remembered() if hardware.unique else {}
     before = bool(known.get("moved")) and known.get("axis") == axis.name
-    extent, confirmed = Extent.of(axis, plan, options.profile), Extent.from_dict(known.get("confirmed") if before else None)
+    extent, confirmed = (
+        ConfirmedBounds.of(axis, plan, options.profile),
+        ConfirmedBounds.from_dict(known.get("confirmed") if before else None),
+    )
     beyond = extent.unconfirmed_entries(confirmed)
     rescaled = other_units_than(known.get("units") or {}, units or {}) if before else []
     if before and not beyond and not rescaled:

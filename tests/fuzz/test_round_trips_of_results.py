@@ -20,7 +20,7 @@ from beltcomm.configfiles import read_yaml, to_yaml, write_text
 from beltcomm.control import Cascade, CascadeStructure, Feedforward, Prefilter
 from beltcomm.drive.objects import COMMANDS, TYPES, ObjectValue, bounds_of, object_from_dict, packed
 from beltcomm.drive.parameters import PREFILTER_KINDS, cascade_to_parameters
-from beltcomm.experiments.first_motion import Extent
+from beltcomm.experiments.first_motion import ConfirmedBounds
 from beltcomm.export.dcf import dcf_text
 from beltcomm.export.mcap import write_mcap
 from beltcomm.fit.torque.path import VALUES, DriveLaw, Lag, ReadingLaw, TorquePath, path_from_dict, path_to_dict
@@ -124,7 +124,7 @@ def test_calibrations(calibration: Calibration, home: str) -> None:
 
 @given(st.dictionaries(names, any_text), st.dictionaries(names, finite | st.sampled_from([math.inf, -math.inf])))
 def test_confirmed_motions(machine: dict[str, str], most: dict[str, float]) -> None:
-    assert Extent.from_dict(through_a_file(Extent(machine, most).to_dict(), "yaml")) == Extent(machine, most)
+    assert ConfirmedBounds.from_dict(through_a_file(ConfirmedBounds(machine, most).to_dict(), "yaml")) == ConfirmedBounds(machine, most)
 
 
 @st.composite
