@@ -19,7 +19,6 @@ from beltcomm.arrays import Array
 from beltcomm.effects import EFFECTS
 from beltcomm.simulate.kernels.addresses import address
 from beltcomm.simulate.kernels.compose import import_stable
-from beltcomm.simulate.kernels.fences import blocks, indent, needed_lines
 from beltcomm.simulate.kernels.observer import ObserverState
 from beltcomm.simulate.kernels.observer_lanes import (
     AIM,
@@ -35,6 +34,7 @@ from beltcomm.simulate.kernels.observer_lanes import (
     observed_rows,
     observers,
 )
+from beltcomm.simulate.kernels.switch_groups import blocks, indent, needed_lines
 from beltcomm.simulate.kernels.vectors import LANES, aligned_zeros
 from beltcomm.simulate.kernels.writer import Writer, acts_on_motor
 
@@ -141,7 +141,7 @@ def lock_step_source() -> str:
     """Python source of the kernel."""
     writer = _writer()
     others, driven, onset = range(1, len(writer.bodies)), writer.driven, writer.onsets()[0]
-    fences, follow_up = writer.fence_effects(drop_switch(writer.follow_up(), "belt"))
+    groups, follow_up = writer.group_effects(drop_switch(writer.follow_up(), "belt"))
     correct = []
     for i in others:
         moved = [f"{name}{i} = {name}{i} - at(memory, {place}{i})" for name, place in (("q", "at"), ("v", "to"), ("o", "to"))]
@@ -201,7 +201,7 @@ def lock_step_source() -> str:
         ], 1),
     ]  # fmt: skip
     given = "where, lengths, values, on, h, ratio, substeps, bodies, behind, cart, learning, rows, memory, passes, reaches, course, s"
-    text = broadcast_constants([*needed_lines([*_model_lines(writer), *fences, *_body_lines(others)], body), *body])
+    text = broadcast_constants([*needed_lines([*_model_lines(writer), *groups, *_body_lines(others)], body), *body])
     return writer.assemble([["@in_lanes", f"def together({given}):", *indent(["nothing = eight(0.0)", *text], 1)]])
 
 

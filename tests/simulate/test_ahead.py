@@ -22,7 +22,7 @@ from beltcomm.model import build_model, expected_parameters
 from beltcomm.simulate.inverse import FineMotion, torque_residuals
 from beltcomm.simulate.kernels import ahead, compile_largest
 from beltcomm.simulate.kernels.compose import inverse_kernel, load_source, motor_side_source, plain_source
-from beltcomm.simulate.kernels.fences import needed_lines
+from beltcomm.simulate.kernels.switch_groups import needed_lines
 
 SLEEP = "import time; time.sleep(0.3)"
 

@@ -29,9 +29,9 @@ from beltcomm.model import Model, body_list
 from beltcomm.simulate.imperfect import LEAST_STEEP, ROUNDS
 from beltcomm.simulate.kernels.ahead import after_waiting
 from beltcomm.simulate.kernels.cached import VERSION, folder
-from beltcomm.simulate.kernels.fences import indent, needed_lines
 from beltcomm.simulate.kernels.observer import ObserverState
 from beltcomm.simulate.kernels.plain_belt import PLAIN
+from beltcomm.simulate.kernels.switch_groups import indent, needed_lines
 from beltcomm.simulate.kernels.writer import LOOK_AHEAD, MOVING_RAD_S, Writer, acts_on_motor
 
 #: A thread must not meet a module that another one is still executing.
@@ -254,7 +254,7 @@ def _load(writer: Writer, given: str, begin: list[str], turn: list[str], load: s
     zeros += [f"z{i} = 0.0" for i in writer.onsets()]
     at_first = [f"q{i} = {writer.start(i)}{' + offset' if i == writer.cart else ''}" for i in others]
     at_first += [f"v{i} = o{i} = {writer.follow(i)}" for i in others]
-    fences, follow_up = writer.fence_effects(writer.follow_up())
+    groups, follow_up = writer.group_effects(writer.follow_up())
     body = [
         f"half = max(1, min({LOOK_AHEAD}, theta.shape[0] - 1) // 2)",
         "first = (4.0 * theta[half] - theta[2 * half] - 3.0 * theta[0]) / (2.0 * h * half) if theta.shape[0] > 2 else 0.0",
@@ -276,7 +276,7 @@ def _load(writer: Writer, given: str, begin: list[str], turn: list[str], load: s
         ], 1),
     ]  # fmt: skip
     begin = [*begin, "q0 = theta[0]"]
-    return _function(f"load(theta, omega, p, on, t, h, {given})", [*writer.constants(), *fences, *zeros], [*begin, *body])
+    return _function(f"load(theta, omega, p, on, t, h, {given})", [*writer.constants(), *groups, *zeros], [*begin, *body])
 
 
 def _function(head: str, constants: list[str], body: list[str], how: str = "compiled") -> list[str]:

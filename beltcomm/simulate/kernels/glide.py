@@ -23,9 +23,9 @@ from beltcomm.effects import Effect
 from beltcomm.model import Model
 from beltcomm.simulate.kernels import fast_math
 from beltcomm.simulate.kernels.compose import import_stable
-from beltcomm.simulate.kernels.fences import indent
 from beltcomm.simulate.kernels.sources import fingerprint
 from beltcomm.simulate.kernels.stick import stick_or_slide
+from beltcomm.simulate.kernels.switch_groups import indent
 from beltcomm.simulate.kernels.writer import Writer
 
 #: Nyström's method of four stages: of order 5 for forces by place and time (Hairer, Nørsett, Wanner, Solving ODEs I, table II.14.2); the

@@ -23,7 +23,6 @@ from beltcomm.effects import (
 )
 from beltcomm.model import BASE_BODIES, body_list, effect_parameters, expected_parameters
 from beltcomm.simulate.kernels import branchless, fast_math, loop_kernel
-from beltcomm.simulate.kernels.fences import fence, indent
 from beltcomm.simulate.kernels.learning import learn
 from beltcomm.simulate.kernels.mean import weighted_mean
 from beltcomm.simulate.kernels.observer import (
@@ -41,6 +40,7 @@ from beltcomm.simulate.kernels.observer import (
 from beltcomm.simulate.kernels.observer_lanes import advance_sample, brought
 from beltcomm.simulate.kernels.sources import fingerprint
 from beltcomm.simulate.kernels.stick import stick_or_slide
+from beltcomm.simulate.kernels.switch_groups import group, indent
 
 #: rad/s: a stretch that begins faster than this begins in motion, all bodies with the motor (a gap in the middle of a stroke);
 #: more than the first milliseconds of an excitation from rest.
@@ -117,9 +117,9 @@ class Writer:
             return lines
         return [f"if s{self.switch[effect.name]}:", *("    " + line for line in lines)]
 
-    def fence_effects(self, lines: list[str]) -> tuple[list[str], list[str]]:
-        """Lines that set switches for several effects that are seldom on, and the lines behind them; see ``fences``."""
-        return fence(lines, {f"s{self.switch[name]}" for name in USUAL})
+    def group_effects(self, lines: list[str]) -> tuple[list[str], list[str]]:
+        """Lines that set switches for several effects that are seldom on, and the lines behind them; see ``switch_groups``."""
+        return group(lines, {f"s{self.switch[name]}" for name in USUAL})
 
     def with_body(self, i: int, lines: list[str]) -> list[str]:
         """Lines that count only when body i is there."""

@@ -9,7 +9,7 @@ FEWEST = 2
 _NAME = re.compile(r"[A-Za-z_]\w*")
 
 
-def fence(lines: list[str], usual: set[str]) -> tuple[list[str], list[str]]:
+def group(lines: list[str], usual: set[str]) -> tuple[list[str], list[str]]:
     """Lines that set the switches, and the lines behind them.
 
     Parameters
