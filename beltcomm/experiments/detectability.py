@@ -264,7 +264,7 @@ class _Simulated:
         if step.share < LOUD:
             amplitude = quieter(amplitude, total_friction(self.model), step.share)
         torque = amplitude * unit
-        # A plan waits for no gliding kernel: that compiles longer.
+        # A plan waits for no kernel of Nyström's: that compiles longer.
         simulate = simulate_torque if is_exact(self.model) else integrate_torque
         moved = simulate(self.model, torque, self.period_s, at, substeps=SUBSTEPS)
         note = ExcitationNote("prbs", amplitude, shape.period_samples, shape.first_sample)

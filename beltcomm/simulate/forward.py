@@ -18,7 +18,7 @@ from beltcomm.model.statics import equilibrium
 from beltcomm.simulate.exact import exact_record, is_exact
 from beltcomm.simulate.imperfect import is_late, late_torque, memory_s
 from beltcomm.simulate.kernels.compose import kernel_for, states_of
-from beltcomm.simulate.kernels.glide import CELLS, LONGEST_STEP, STRIDE, glide_for, torque_at_stages
+from beltcomm.simulate.kernels.nystrom import CELLS, LONGEST_STEP, STRIDE, nystrom_kernel, torque_at_stages
 
 #: Largest (sub-step x fastest eigenvalue) that is let through.  The Verlet step is unstable above 2; at 0.5 its phase error
 #: is ω²h²/24, 1 %, in the fastest mode and far less in those that matter.
@@ -78,7 +78,7 @@ def simulate_torque(
     """Motion of a model under a torque that is held for each sampling period.
 
     Laws that are linear, with friction of constant level, are solved exactly (``exact.is_exact``): ``substeps`` then only divides a torque
-    that acts late.  All others glide (``glide``): five of these steps in one, but where friction changes.
+    that acts late.  All others by Nyström's (``nystrom``): five of these steps in one, but where friction changes.
 
     Parameters
     ----------
@@ -98,7 +98,9 @@ def simulate_torque(
     Refused
         When the carriage leaves what the model describes.
     """
-    return _simulate(model, torque_nm, sample_period_s, position_m, substeps, time_s, state, _solve_exactly if is_exact(model) else _glide)
+    return _simulate(
+        model, torque_nm, sample_period_s, position_m, substeps, time_s, state, _solve_exactly if is_exact(model) else _nystrom
+    )
 
 
 def integrate_torque(
@@ -135,7 +137,7 @@ def _simulate(
     check_period(model, position_m, sample_period_s, substeps)
     rate = 0.0 if motion is _solve_exactly else check_step(model, position_m, sample_period_s, substeps)
     start = state or at_rest(model, position_m)
-    if is_late(model) and motion is not _glide:
+    if is_late(model) and motion is not _nystrom:
         # The acting torque changes within a sampling period: every sub-step becomes a period of its own.
         h = sample_period_s / substeps
         acting = late_torque(model, np.repeat(torque, substeps), h)
@@ -169,12 +171,12 @@ def _integrate(
     return out, BodyStates(q, v)
 
 
-def _glide(
+def _nystrom(
     model: Model, start: BodyStates, torque: Array, period_s: float, substeps: int, time_s: float, rate: float
 ) -> tuple[Array, BodyStates]:
     steps = max(math.ceil(substeps / STRIDE), math.ceil(period_s * rate / LONGEST_STEP))
     parts = CELLS if memory_s(model) > 0.0 else 1
-    glide, vector, short = glide_for(model), model.vector(), math.ceil(substeps / steps)
+    nystrom, vector, short = nystrom_kernel(model), model.vector(), math.ceil(substeps / steps)
     q, v, out = start.positions.copy(), start.speeds.copy(), np.empty((4, torque.size))
     beside = math.ceil(memory_s(model) * TO_THE_DIGIT / period_s)
     block = max(BLOCK, 8 * beside) if beside else max(torque.size, 1)
@@ -183,7 +185,7 @@ def _glide(
         acting = late_torque(model, np.repeat(heard, steps * parts), period_s / (steps * parts))
         cells = acting.reshape(heard.size, steps * parts)[min(first, beside) :][:block]
         rows = out[:, first : first + block]
-        glide(q, v, vector, cells, torque_at_stages(cells, parts), time_s + first * period_s, period_s, steps, short, *rows)
+        nystrom(q, v, vector, cells, torque_at_stages(cells, parts), time_s + first * period_s, period_s, steps, short, *rows)
     return out, BodyStates(q, v)
 
 

@@ -1,4 +1,4 @@
-"""Gliding steps against an independent integrator, the laws, and the composer's steps where friction changes."""
+"""Nyström's steps against an independent integrator, the laws, and the composer's steps where friction changes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.model import Model, build_model
 from beltcomm.simulate import forward
 from beltcomm.simulate.forward import BodyStates, integrate_torque, simulate_torque
-from beltcomm.simulate.kernels import glide
+from beltcomm.simulate.kernels import nystrom
 from beltcomm.simulate.kernels.fast_math import cos, exp, fast, power, sin, waves
 
 Array = NDArray[np.float64]
@@ -163,4 +163,4 @@ def test_a_new_effect_needs_nothing_here(monkeypatch: pytest.MonkeyPatch) -> Non
     combination = ("belt_stiffness", "cart_friction", "cogging")
     renamed = replace(effect_named("travel_ripple"), name="new")
     monkeypatch.setitem(effect_named.__globals__["_BY_NAME"], "new", renamed)
-    assert "travel_ripple__force(q1, w1" in glide.glide_source(("motor", "cart"), (*combination, "new"))
+    assert "travel_ripple__force(q1, w1" in nystrom.nystrom_source(("motor", "cart"), (*combination, "new"))

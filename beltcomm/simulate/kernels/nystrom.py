@@ -1,4 +1,4 @@
-"""Writes the kernel that glides: steps of high order while no body changes between sticking and sliding, the composer's steps else.
+"""Writes the kernel of Nyström's method: steps of high order while no body changes between sticking and sliding, the composer's steps else.
 
 Numerics.  Between two such changes all forces are functions of place, speed and time, so Nyström's method takes steps five times as
 long as the Verlet steps of ``compose`` and a tenth of their error.  Set-valued friction has the sign of each body's speed at the start of
@@ -61,10 +61,10 @@ def _at_stages(cells: int) -> Array:
     return np.ascontiguousarray((legendre.legval(2.0 * NODES - 1.0, powers.T).T @ np.linalg.pinv(means.T)).T)
 
 
-def glide_for(model: Model) -> Callable[..., None]:
+def nystrom_kernel(model: Model) -> Callable[..., None]:
     """The kernel of a model's combination of effects; compiled once per machine.
 
-    glide(q, v, p, cells, acting, t, sample, n, m, theta, omega, cart, belt): a whole record, as ``Kernel.run``, with n steps in a
+    nystrom(q, v, p, cells, acting, t, sample, n, m, theta, omega, cart, belt): a whole record, as ``Kernel.run``, with n steps in a
     sample or m Verlet steps in place of each.   cells : (samples, n parts), N m.   acting : of them at the stages, (samples, n stages).
     """
     return _kernel(model.base_bodies, model.effects)
@@ -72,12 +72,12 @@ def glide_for(model: Model) -> Callable[..., None]:
 
 @lru_cache(maxsize=64)
 def _kernel(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> Callable[..., None]:
-    glide: Callable[..., None] = import_stable(glide_source(base_bodies, effects)).glide
-    return glide
+    nystrom: Callable[..., None] = import_stable(nystrom_source(base_bodies, effects)).nystrom
+    return nystrom
 
 
-def glide_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str:
-    """Python source of the gliding kernel of one combination."""
+def nystrom_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str:
+    """Python source of the kernel of one combination."""
     writer = Writer(base_bodies, effects)
     everyone, count = range(len(writer.bodies)), len(writer.bodies)
     elastic = writer.onsets()
@@ -266,10 +266,10 @@ def _module(writer: Writer, lines: list[str]) -> str:
     head = [
         "import math", "", "import numpy as np", "", "from beltcomm.compiled import in_lanes",
         "from beltcomm.simulate.kernels.fast_math import fast, sin, waves",
-        f"from beltcomm.simulate.kernels.glide import {tables}",
+        f"from beltcomm.simulate.kernels.nystrom import {tables}",
         *[f"from {law.__module__} import {law.__name__} as _{name}" for name, law in laws],
         "", *[f"{name} = fast(_{name})" for name, _ in laws], "", "",
         "@in_lanes",
-        "def glide(q, v, p, cells, acting, t, sample, n, m, theta, omega, cart, belt):",
+        "def nystrom(q, v, p, cells, acting, t, sample, n, m, theta, omega, cart, belt):",
     ]  # fmt: skip
     return "\n".join([*head, *indent(lines, 1)]) + f"\n# {fingerprint(writer.laws.values(), (fast_math.__name__, __name__))}\n"
