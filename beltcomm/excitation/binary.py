@@ -119,7 +119,6 @@ def prbs(
     sample_period_s: float,
     repeats: int,
     *,
-    run_in_periods: int = 1,
     torque_step_nm: float = 0.0,
 ) -> Excitation:
     """Pseudorandom binary torque that leaves a free axis where it was.
@@ -140,8 +139,6 @@ def prbs(
         T_s, s.
     repeats : int
         Measured periods.
-    run_in_periods : int
-        Periods before ``first_sample``.
     torque_step_nm : float, N m
         Resolution of the drive's torque setpoint, 0 for none.
 
@@ -170,7 +167,6 @@ def prbs(
         sample_period_s,
         prbs_band(order, clock, sample_period_s),
         {"order": order, "clock": clock, "peak_to_peak_nm": peak_to_peak_nm},
-        run_in_periods=run_in_periods,
         torque_step_nm=torque_step_nm,
     )
 
@@ -279,7 +275,6 @@ def gprbs(
     repeats: int,
     *,
     seed: int,
-    run_in_periods: int = 1,
     torque_step_nm: float = 0.0,
 ) -> Excitation:
     """Binary torque that changes its sign at every sample with the probability 1/h.
@@ -304,8 +299,6 @@ def gprbs(
         Measured periods.
     seed : int
         The sequence; the same seed gives the same.
-    run_in_periods : int
-        Periods before ``first_sample``.
     torque_step_nm : float, N m
         Resolution of the drive's torque setpoint, 0 for none.
 
@@ -339,6 +332,5 @@ def gprbs(
         sample_period_s,
         (1.0 / (period_samples * sample_period_s), 0.5 / sample_period_s),
         {"mean_hold": mean_hold, "peak_to_peak_nm": 2.0 * amplitude_nm, "seed": seed},
-        run_in_periods=run_in_periods,
         torque_step_nm=torque_step_nm,
     )

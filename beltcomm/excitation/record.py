@@ -12,6 +12,8 @@ from beltcomm.errors import Refused, UsageError
 
 #: Rest before and after the motion: effects-and-diagnosis.md, 3.
 REST_BEFORE_S = 0.25
+#: Periods between the rest and the measured ones.
+RUN_IN_PERIODS = 1
 REST_AFTER_S = 0.45
 #: Lowest frequency to be seen over lowest line (3.6), so that the rigid slope below an antiresonance is seen too.
 LOWEST_OVER_LINE = 10.0
@@ -153,7 +155,6 @@ def finish(
     band_hz: tuple[float, float],
     parameters: Mapping[str, float],
     *,
-    run_in_periods: int = 1,
     torque_step_nm: float = 0.0,
     lines: tuple[int, ...] = (),
 ) -> Excitation:
@@ -180,10 +181,8 @@ def finish(
     ----------
     thesis.md, erratum 10.
     """
-    if repeats < 1 or run_in_periods < 0:
-        raise UsageError(
-            f"{repeats} measured and {run_in_periods} run-in periods: measured periods must be at least 1, run-in periods at least 0"
-        )
+    if repeats < 1:
+        raise UsageError(f"{repeats} measured periods: at least 1 must be")
     peak_to_peak = float(np.ptp(period))
     if not peak_to_peak > 0 or not sample_period_s > 0 or torque_step_nm < 0:
         raise UsageError(
@@ -200,7 +199,7 @@ def finish(
         period, start = _in_steps(period, start, torque_step_nm)
     rest = round(REST_BEFORE_S / sample_period_s)
     after = np.zeros(round(REST_AFTER_S / sample_period_s))
-    torque = np.concatenate((np.zeros(rest), [start], np.tile(period, run_in_periods + repeats), [-start], after))
+    torque = np.concatenate((np.zeros(rest), [start], np.tile(period, RUN_IN_PERIODS + repeats), [-start], after))
     return Excitation(
         kind=kind,
         torque=torque,
@@ -208,9 +207,9 @@ def finish(
         repeats=repeats,
         amplitude_nm=float(np.max(np.abs(torque))),
         sample_period_s=sample_period_s,
-        first_sample=rest + 1 + run_in_periods * len(period),
+        first_sample=rest + 1 + RUN_IN_PERIODS * len(period),
         band_hz=band_hz,
-        parameters={**parameters, "run_in_periods": run_in_periods, "torque_step_nm": torque_step_nm},
+        parameters={**parameters, "run_in_periods": RUN_IN_PERIODS, "torque_step_nm": torque_step_nm},
         lines=lines,
     )
 

@@ -24,7 +24,6 @@ def multisine(
     *,
     seed: int,
     detection: bool = True,
-    run_in_periods: int = 1,
     torque_step_nm: float = 0.0,
 ) -> Excitation:
     """Sum of sines with equal amplitudes and random phases, the calmest of :data:`TRIALS` sets, on odd lines of the period.
@@ -52,8 +51,6 @@ def multisine(
         Of the phases and the lines left out.
     detection : bool
         False excites every line of the band.
-    run_in_periods : int
-        Periods before ``first_sample``.
     torque_step_nm : float, N m
         Resolution of the drive's torque setpoint, 0 for none.
 
@@ -94,7 +91,6 @@ def multisine(
         sample_period_s,
         (lowest_hz, highest_hz),
         {"amplitude_nm": amplitude_nm, "seed": seed},
-        run_in_periods=run_in_periods,
         torque_step_nm=torque_step_nm,
         lines=tuple(int(k) for k in excited),
     )

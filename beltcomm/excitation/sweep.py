@@ -23,7 +23,6 @@ def chirp(
     *,
     spacing: Literal["logarithmic", "linear"] = "logarithmic",
     fade: float = FADE,
-    run_in_periods: int = 1,
     torque_step_nm: float = 0.0,
 ) -> Excitation:
     """Sine from the lowest to the highest frequency under a trapezoidal window, repeated.
@@ -51,8 +50,6 @@ def chirp(
         Of the frequencies over time.
     fade : float
         Share of the period in which the window rises, and falls.
-    run_in_periods : int
-        Periods before ``first_sample``.
     torque_step_nm : float, N m
         Resolution of the drive's torque setpoint, 0 for none.
 
@@ -94,6 +91,5 @@ def chirp(
         sample_period_s,
         (lowest_hz, highest_hz),
         {"amplitude_nm": amplitude_nm, "fade": fade},
-        run_in_periods=run_in_periods,
         torque_step_nm=torque_step_nm,
     )

@@ -47,14 +47,14 @@ def test_amplitude_is_peak_to_peak_and_mean_is_taken_away() -> None:
 
 
 def test_record_is_rest_run_in_periods_rest() -> None:
-    excitation = prbs(7, 2, 0.3, T_S, repeats=4, run_in_periods=2)
+    excitation = prbs(7, 2, 0.3, T_S, repeats=4)
     n, first = excitation.period_samples, excitation.first_sample
-    assert first == 250 + 1 + 2 * n
+    assert first == 250 + 1 + n
     assert len(excitation.torque) == first + 4 * n + 1 + 450
     assert excitation.duration_s == pytest.approx(len(excitation.torque) * T_S)
     assert not excitation.torque[:250].any()
     assert not excitation.torque[-450:].any()
-    for k in range(-2, 4):
+    for k in range(-1, 4):
         np.testing.assert_array_equal(excitation.torque[first + k * n : first + (k + 1) * n], excitation.torque[first : first + n])
     assert excitation.band_hz == pytest.approx((1 / (127 * 2e-3), 500.0))
     with pytest.raises(ValueError, match="read-only"):

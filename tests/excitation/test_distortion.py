@@ -16,14 +16,14 @@ NOISE_RAD = 2e-6
 
 def record(coulomb_nm: float, noise_rad: float, seed: int = 1) -> tuple[np.ndarray, np.ndarray, int, int]:
     """Torque and angle of an axis under a multisine, with white noise of the angle."""
-    made = multisine(1000, 3.0, 300.0, 0.6, T_S, 6, seed=2, run_in_periods=2)
+    made = multisine(1000, 3.0, 300.0, 0.6, T_S, 7, seed=2)
     plant = TruthPlant(Axis(INERTIA, MASS, LEVER, ConstantBelt(2e5, 60.0), coulomb_motor_nm=coulomb_nm, viscous_motor_nm_s_rad=2e-3))
     angle = []
     for value in made.torque.tolist():
         angle.append(plant.position_rad)
         plant.step(value, T_S)
     noise = noise_rad * np.random.default_rng(seed).normal(size=len(angle))
-    return made.torque, np.array(angle) + noise, made.period_samples, made.first_sample
+    return made.torque, np.array(angle) + noise, made.period_samples, made.first_sample + made.period_samples  # run in for two
 
 
 def test_a_linear_axis_shows_nothing_but_noise() -> None:
