@@ -109,7 +109,7 @@ def test_what_completes_an_effect_goes_with_it() -> None:
 
 
 def test_a_file_brings_back_the_same_model(tmp_path: Path) -> None:
-    model = build_model("m", ("belt_sections", "coupling", "tilt"), {"tilt.angle": 1.0 / 3.0}, origin="test", source="none")
+    model = replace(build_model("m", ("belt_sections", "coupling", "tilt"), {"tilt.angle": 1.0 / 3.0}, origin="test"), source="none")
     path = tmp_path / "m.yaml"
     path.write_text(yaml.safe_dump(model.to_dict()), encoding="utf-8")
     again = load_model(path)
@@ -120,7 +120,7 @@ def test_a_file_brings_back_the_same_model(tmp_path: Path) -> None:
 def test_a_model_of_a_run_comes_back_bit_for_bit(tmp_path: Path) -> None:
     """Numbers as a fit returns them, and texts that YAML could take for something else."""
     rng = np.random.default_rng(4)
-    model = build_model("1e-6", TWO_MASS, {}, origin="010", source="no: 2020-01-01")
+    model = replace(build_model("1e-6", TWO_MASS, {}, origin="010"), source="no: 2020-01-01")
     fitted = {
         name: replace(item, value=item.low + rng.uniform() * (item.high - item.low), interval=np.float64(np.exp(rng.normal(0.0, 30.0))))
         for name, item in model.parameters.items()

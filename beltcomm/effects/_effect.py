@@ -237,14 +237,11 @@ class Point:
     ----------
     position_m : float, m
         Carriage on the axis.
-    time_s : float, s
-        Session clock.
     """
 
     position_m: float
     motor_speed_rad_s: float
     transmission_m_rad: float
-    time_s: float = 0.0
 
     def speed(self, rotary: bool) -> float:
         """Speed in the coordinate of a body.

@@ -412,7 +412,6 @@ def build_model(
     *,
     base_bodies: tuple[str, ...] = ("motor", "cart"),
     origin: str = "",
-    source: str = "",
     side: Side = "motor",
 ) -> Model:
     """A model from plain numbers by full parameter name; the others stand at their start value."""
@@ -421,7 +420,7 @@ def build_model(
     unknown = [key for key in values if key not in expected]
     if unknown:
         raise UsageError(f"model {name!r} has no parameter {', '.join(unknown)}; it has {', '.join(expected)}")
-    return Model(name, effects, default_values(expected, values, origin), base_bodies, source, side)
+    return Model(name, effects, default_values(expected, values, origin), base_bodies, side=side)
 
 
 def model_from_dict(data: Mapping[str, Any]) -> Model:

@@ -26,6 +26,8 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 #: Eigenvalues below this fraction of the largest one are the free motion of the whole axis: rounding leaves a double zero
 #: eigenvalue at the square root of the machine precision, 1.5e-8.
 _FREE = 1e-6
+#: s on the session clock: a law that changes with it is linearised as it is at the start.
+_BEGUN_S = 0.0
 
 
 @dataclass(frozen=True)
@@ -164,7 +166,7 @@ class Mode:
     damping_ratio: float
 
 
-def operating_point(model: Model, position_m: float, motor_speed_rad_s: float = 0.0, time_s: float = 0.0) -> Point:
+def operating_point(model: Model, position_m: float, motor_speed_rad_s: float = 0.0) -> Point:
     """Point of a model.
 
     Parameters
@@ -174,7 +176,7 @@ def operating_point(model: Model, position_m: float, motor_speed_rad_s: float = 
     motor_speed_rad_s : float
         0 means standstill.
     """
-    return Point(position_m, motor_speed_rad_s, model["transmission.ratio"], time_s)
+    return Point(position_m, motor_speed_rad_s, model["transmission.ratio"])
 
 
 def matrices(model: Model, point: Point, standstill: Standstill = "refuse", closed: float = 1.0) -> Matrices:
@@ -213,17 +215,17 @@ def matrices(model: Model, point: Point, standstill: Standstill = "refuse", clos
         speed = point.speed(rotary)
         if effect.slot == "force":
             position = point.position_m / ratio if rotary else point.position_m
-            by_position, by_speed = cast(tuple[float, float], effect.slope(position, speed, point.time_s, *values))
+            by_position, by_speed = cast(tuple[float, float], effect.slope(position, speed, _BEGUN_S, *values))
             stiffness[i, i] -= lever**2 * by_position
             damping[i, i] -= lever**2 * by_speed
         elif speed != 0.0:
-            by_speed = cast(float, effect.slope(speed, point.position_m, point.time_s, *values))
+            by_speed = cast(float, effect.slope(speed, point.position_m, _BEGUN_S, *values))
             damping[i, i] += by_speed if speed > 0.0 else -by_speed
         elif isinstance(standstill, Oscillation):
             amplitude = standstill.amplitude_rad * (1.0 if rotary else ratio)
-            arguments = (point.position_m, point.time_s, *values)
+            arguments = (point.position_m, _BEGUN_S, *values)
             damping[i, i] += equivalent_damping(effect.law, amplitude, standstill.omega_rad_s, *arguments)
-        elif effect.law(0.0, point.position_m, point.time_s, *values) > 0.0:
+        elif effect.law(0.0, point.position_m, _BEGUN_S, *values) > 0.0:
             if standstill == "refuse":
                 raise Refused(
                     f"{effect.name} has no linearisation at standstill; linearise at a speed, or ask for the body stuck, "
@@ -290,11 +292,10 @@ def sampled_response(
     point: Point,
     freq_hz: ArrayLike,
     sample_period_s: float,
-    delay_s: float = 0.0,
     standstill: Standstill = "refuse",
 ) -> ComplexArray:
     """Exact response of the sampled motor angle to the held torque, rad/(N m), (m,).  See :meth:`StateSpace.sampled`."""
-    return state_space(model, point, standstill).sampled(freq_hz, sample_period_s, delay_s)[:, 0]
+    return state_space(model, point, standstill).sampled(freq_hz, sample_period_s)[:, 0]
 
 
 def modes(model: Model, point: Point, standstill: Standstill = "refuse", held: Sequence[str] = ()) -> tuple[Mode, ...]:
@@ -313,7 +314,7 @@ def modes(model: Model, point: Point, standstill: Standstill = "refuse", held: S
 
 def fastest_rate(model: Model, point: Point) -> float:
     """Largest |eigenvalue|, rad/s, with sliding friction: what a step of integration must resolve."""
-    sliding = Point(point.position_m, point.motor_speed_rad_s or 1.0, point.transmission_m_rad, point.time_s)
+    sliding = Point(point.position_m, point.motor_speed_rad_s or 1.0, point.transmission_m_rad)
     return float(np.max(np.abs(_eigenvalues(matrices(model, sliding))), initial=0.0))
 
 

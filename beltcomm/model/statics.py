@@ -105,7 +105,7 @@ def equilibrium(model: Model, position_m: float) -> Equilibrium:
         When some body is not held by anything.
     """
     point = operating_point(model, position_m)
-    linear = matrices(model, Point(position_m, 1.0, point.transmission_m_rad, 0.0))
+    linear = matrices(model, Point(position_m, 1.0, point.transmission_m_rad))
     bodies = model.bodies()
     fixed = carriage_of(linear.bodies)
     free = [i for i in range(len(bodies)) if i != fixed]
