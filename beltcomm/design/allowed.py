@@ -32,23 +32,61 @@ class AllowedGains:
     highs: Array
 
     def of(self, gains: Array) -> Array:
-        """Those of ``gains`` that are allowed."""
+        """Allowed ones among gains.
+
+        Parameters
+        ----------
+        gains : ndarray, (m,)
+            K > 0.
+
+        Returns
+        -------
+        ndarray, (k,)
+            In their order.
+        """
         place = np.searchsorted(self.lows, gains) - 1
         inside = (place >= 0) & (gains < np.append(self.highs, 0.0)[place])
         return gains[(gains < self.top) & ~inside]
 
     def highest(self, limit: float) -> float:
-        """Largest allowed gain up to ``limit``."""
+        """Largest allowed gain up to ``limit``.
+
+        Parameters
+        ----------
+        limit : float
+            In the unit of the gains.
+
+        Returns
+        -------
+        float
+            At the lower edge of a forbidden range that holds the limit.
+        """
         gain = min(self.top, limit)
         place = int(np.searchsorted(self.lows, gain)) - 1
         return float(self.lows[place]) if place >= 0 and gain < self.highs[place] else gain
 
 
 def allowed_gains(unit: ComplexArray, shape: LoopShape, phase_margin_deg: float, specification: Specification) -> AllowedGains | None:
-    """Gains K for which every loop K × unit, ndarray (p, n), meets its margins; None when there are none.
+    """Gains K for which every loop K × unit meets its margins.
 
     A crossover may lie where the unwrapped phase holds the margin, below the antiresonance; from the last such frequency on
     the gain stays below 1, so that no phase that wraps beyond is taken for a margin.
+
+    Parameters
+    ----------
+    unit : ndarray, (p, n) complex
+        Open loops of p plants with gain 1.
+    shape : LoopShape
+        Of the same plants, for frequencies and antiresonances.
+    phase_margin_deg : float, deg
+        In place of that of ``specification``.
+    specification : Specification
+        Gain margin and sensitivity.
+
+    Returns
+    -------
+    AllowedGains or None
+        None when there are none.
     """
     bounds = (
         math.radians(phase_margin_deg) - math.pi,

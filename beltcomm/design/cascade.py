@@ -69,7 +69,20 @@ class DesignResult:
         return self.cascade.ki_nm_rad * self.cascade.kpp_1_s
 
     def open_loops(self, plant: int, omega_rad_s: NDArray[np.float64]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """Open velocity loop and open position loop of one plant, for plots; see ``loops.open_loops``."""
+        """Open velocity loop and open position loop of one plant, for plots; see ``loops.open_loops``.
+
+        Parameters
+        ----------
+        plant : int
+            Which of ``plants``.
+        omega_rad_s : ndarray, (m,)
+            Above 0, below π/T.
+
+        Returns
+        -------
+        tuple of ndarray, (m,) complex
+            Velocity loop and position loop, see ``loops.open_loops``.
+        """
         return open_loops(self.plants[plant], self.cascade, self.structure.period_s, omega_rad_s)
 
 
@@ -96,7 +109,22 @@ def design_cascade(plants: Sequence[DesignPlant], structure: CascadeStructure, s
 
 
 def feasible_cascade(plants: Sequence[DesignPlant], structure: CascadeStructure, specification: Specification) -> DesignResult | None:
-    """As :func:`design_cascade`; None, without looking for the reason, when nothing meets the specification."""
+    """As :func:`design_cascade`, without looking for the reason when nothing meets the specification.
+
+    Parameters
+    ----------
+    plants : sequence of DesignPlant
+        For all of which the gains must hold.
+    structure : CascadeStructure
+        What the drive's loop has.
+    specification : Specification
+        What is asked for.
+
+    Returns
+    -------
+    DesignResult or None
+        None when nothing meets it.
+    """
     return _best_design(*_sample_plants(plants, structure), structure, specification)
 
 
@@ -126,7 +154,20 @@ def _best_design(
 
 
 def meets(achieved: Sequence[Margins], specification: Specification) -> bool:
-    """True if the margins of every plant meet the specification and both loops are stable."""
+    """True if the margins of every plant meet the specification and both loops are stable.
+
+    Parameters
+    ----------
+    achieved : sequence of Margins
+        One for each plant.
+    specification : Specification
+        What is asked for.
+
+    Returns
+    -------
+    bool
+        Gain margin and sensitivity count in both loops.
+    """
     return all(
         one.stable
         and one.velocity_stable
@@ -143,6 +184,20 @@ def candidate_prefilters(plants: Sequence[DesignPlant], structure: CascadeStruct
     """The prefilters that drive and specification allow, laid out on the plant with the lowest resonance; below π/T only.
 
     On plants with further resonances a notch comes also with the additional low-pass of 4.2.1, as far as the drive has it.
+
+    Parameters
+    ----------
+    plants : sequence of DesignPlant
+        All that the gains must hold for.
+    structure : CascadeStructure
+        What the drive's loop has.
+    specification : Specification
+        Which prefilters may be, and the depth they need, dB.
+
+    Returns
+    -------
+    list of Prefilter
+        None, Butterworth, notch, in that order.
     """
     softest = min(plants, key=lambda plant: plant.resonance_rad_s)
     lowest_antiresonance = min(plant.antiresonance_rad_s for plant in plants)
@@ -169,7 +224,22 @@ def candidate_prefilters(plants: Sequence[DesignPlant], structure: CascadeStruct
 def best_cascade(
     search: SampledPlants, proof: SampledPlants, structure: CascadeStructure, specification: Specification
 ) -> tuple[Cascade, tuple[Margins, ...]] | None:
-    """The proven cascade with the largest K_I K_PP and its margins on ``proof``; None where there is none."""
+    """The proven cascade with the largest K_I K_PP.
+
+    Parameters
+    ----------
+    search, proof : SampledPlants
+        A coarse and a fine grid over the same plants.
+    structure : CascadeStructure
+        What the drive's loop has.
+    specification : Specification
+        What is asked for.
+
+    Returns
+    -------
+    tuple of Cascade and tuple of Margins, or None
+        The margins are those on ``proof``; None where there is none.
+    """
     best: tuple[Cascade, tuple[Margins, ...]] | None = None
     for prefilter in candidate_prefilters(search.plants, structure, specification):
         for lag in _velocity_filters(search.plants, structure, specification):
@@ -214,7 +284,20 @@ def _proven(
 
 
 def with_reserve(specification: Specification, factor: float) -> Specification:
-    """A little more than is asked for, so that a finer grid and rounded gains still have it."""
+    """A specification a little above the one asked for, so that a finer grid and rounded gains still have that.
+
+    Parameters
+    ----------
+    specification : Specification
+        What is asked for.
+    factor : float
+        How often the reserve is added.
+
+    Returns
+    -------
+    Specification
+        Phase margins stay below 90 deg.
+    """
     degrees, decibels = factor * _RESERVE_DEG, factor * _RESERVE_DB
     return replace(
         specification,
@@ -248,7 +331,20 @@ def quantised_pi(kp: float, tn: float, structure: CascadeStructure) -> list[tupl
 
 
 def on_step(value: float, step: float, way: object) -> float:
-    """The value on a multiple of ``step``, by ``math.floor`` or ``math.ceil``; itself where the step is 0."""
+    """A value on a multiple of a step.
+
+    Parameters
+    ----------
+    value, step : float
+        In one unit; a step of 0 leaves the value as it is.
+    way : callable
+        ``math.floor`` or ``math.ceil``.
+
+    Returns
+    -------
+    float
+        Not one step off for a value that lies on one already.
+    """
     if step <= 0.0:
         return value
     # A value that already lies on a step must not lose one to rounding.
@@ -276,7 +372,24 @@ def _stiffness(cascade: Cascade) -> float:
 def binding_conditions(
     cascade: Cascade, achieved: Sequence[Margins], structure: CascadeStructure, specification: Specification
 ) -> tuple[str, ...]:
-    """The conditions met with less than a degree or 0.3 dB to spare, with the plant, and the bounds of the drive reached."""
+    """The conditions met with less than a degree or 0.3 dB to spare, with the plant, and the bounds of the drive reached.
+
+    Parameters
+    ----------
+    cascade : Cascade
+        The design.
+    achieved : sequence of Margins
+        On all plants.
+    structure : CascadeStructure
+        With the bounds of the drive.
+    specification : Specification
+        What was asked for.
+
+    Returns
+    -------
+    tuple of str
+        A sentence for each.
+    """
     lines = []
     for words, name, limit, unit, sign, near in (
         ("velocity phase margin", "phase_margin_deg", specification.phase_margin_deg, "deg", 1.0, 1.0),

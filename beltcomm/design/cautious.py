@@ -33,6 +33,18 @@ def uncertain_plants(plant: DesignPlant, uncertainty: float = 0.3) -> list[Desig
     The damping of a first frequency response is mostly Coulomb friction in disguise.  A plant that states no belt damper gets
     the one that makes a third of the resonance's damping; any has one that makes ``LEAST_RESONANCE_DAMPING`` at least.
 
+    Parameters
+    ----------
+    plant : DesignPlant
+        Of a first frequency response.
+    uncertainty : float
+        Share of mass and stiffness that they may be wrong by.
+
+    Returns
+    -------
+    list of DesignPlant
+        Named for what was changed.
+
     Raises
     ------
     UsageError
@@ -55,7 +67,20 @@ def uncertain_plants(plant: DesignPlant, uncertainty: float = 0.3) -> list[Desig
 
 
 def with_resonance_damping(plant: DesignPlant, ratio: float) -> DesignPlant:
-    """The plant with the belt damper that alone gives the resonance this damping ratio."""
+    """The plant with the belt damper that alone gives the resonance this damping ratio.
+
+    Parameters
+    ----------
+    plant : DesignPlant
+        With any belt damper.
+    ratio : float
+        ζ of the resonance.
+
+    Returns
+    -------
+    DesignPlant
+        Friction of motor and carriage as it was.
+    """
     relative_mass = plant.inertia_kg_m2 * plant.mass_kg / plant.total_inertia_kg_m2
     return replace(plant, belt_damping_ns_m=2.0 * ratio * math.sqrt(plant.stiffness_n_m * relative_mass))
 

@@ -26,7 +26,18 @@ INVERSIONS = 8
 
 
 def compensated_effects(model: Model) -> tuple[str, ...]:
-    """Effects of a model whose torque is sent along; () where the drive's own feedforward says everything."""
+    """Effects of a model whose torque is sent along; () where the drive's own feedforward says everything.
+
+    Parameters
+    ----------
+    model : Model
+        With a belt or rigid.
+
+    Returns
+    -------
+    tuple of str
+        In the order of the model.
+    """
     return tuple(e.name for e in model.effect_list() if e.slot in SLOTS and e.name not in OWN)
 
 
@@ -59,7 +70,22 @@ def compensation(model: Model, feedforward: Feedforward, trajectory: Trajectory,
 
 
 def demand_of_effects(model: Model, place: float, speed: float, time_s: float) -> tuple[float, float]:
-    """Demand of effects beyond (4.16) at an instant: torque at the motor shaft, N m, and force at the carriage, N."""
+    """Demand of effects beyond (4.16) at an instant.
+
+    Parameters
+    ----------
+    model : Model
+        With a belt or rigid.
+    place, speed : float
+        m and m/s of the carriage.
+    time_s : float, s
+        Session clock.
+
+    Returns
+    -------
+    tuple of float
+        Torque at the motor shaft, N m, and force at the carriage, N.
+    """
     ratio = model["transmission.ratio"]
     torque = force = 0.0
     for effect in model.effect_list():
@@ -78,7 +104,24 @@ def demand_of_effects(model: Model, place: float, speed: float, time_s: float) -
 
 
 def through_path(model: Model, needed: float, place: float, time_s: float) -> float:
-    """The setpoint by which the torque path passes on what is needed, N m."""
+    """Torque setpoint by which the torque path of a model passes on what is needed.
+
+    Parameters
+    ----------
+    model : Model
+        With its torque path.
+    needed : float, N m
+        Torque that shall act on the motor.
+    place : float, m
+        Carriage.
+    time_s : float, s
+        Session clock.
+
+    Returns
+    -------
+    float, N m
+        By fixed-point iteration.
+    """
     path = [(e.law, values_of(model, e, place)) for e in model.effect_list() if e.slot == "torque_path" and e.law is not None]
     torque = needed
     for law, values in path:

@@ -126,7 +126,20 @@ def torque_along(led: Leading, feedforward: Feedforward, ratio: float) -> Array:
 
 
 def compliance(model: Model, places_m: Array) -> Array:
-    """Compliance of the carriage with the motor locked, 1/c, m/N, by place, (n,); gaps and slack strands are taken as closed."""
+    """Compliance of the carriage with the motor locked, by place; gaps and slack strands are taken as closed.
+
+    Parameters
+    ----------
+    model : Model
+        With a belt.
+    places_m : ndarray, (n,)
+        Carriage.
+
+    Returns
+    -------
+    ndarray, (n,)
+        1/c, m/N, linear between ``PLACES`` places.
+    """
     low, high = float(np.min(places_m)), float(np.max(places_m))
     grid = np.linspace(low, high, PLACES) if high > low else np.array([low])
     soft = []
@@ -138,7 +151,20 @@ def compliance(model: Model, places_m: Array) -> Array:
 
 
 def smoothing_window(model: Model, carriage: Trajectory) -> int:
-    """Samples over which the stretch is averaged: an odd number near ``WINDOW_SHARE`` of a period of the resonance."""
+    """Samples over which the stretch is averaged: near ``WINDOW_SHARE`` of a period of the lowest resonance.
+
+    Parameters
+    ----------
+    model : Model
+        With a belt; asked in the middle of the motion.
+    carriage : Trajectory
+        Motion of the carriage.
+
+    Returns
+    -------
+    int
+        Odd, ``FEWEST`` at least.
+    """
     middle = 0.5 * float(np.min(carriage.position_m) + np.max(carriage.position_m))
     lowest = min(m.freq_hz for m in modes(model, operating_point(model, middle, 1.0)) if m.freq_hz > LOWEST_HZ)
     half = round(0.5 * (WINDOW_SHARE / (lowest * carriage.sample_period_s) - 1.0))
@@ -146,13 +172,39 @@ def smoothing_window(model: Model, carriage: Trajectory) -> int:
 
 
 def centred_mean(values: Array, window: int) -> Array:
-    """Centred mean over so many samples, an odd number; the ends are continued.   (n,) -> (n,)."""
+    """Centred mean over a window; the ends are continued.
+
+    Parameters
+    ----------
+    values : ndarray, (n,)
+        Any unit.
+    window : int
+        Samples, odd.
+
+    Returns
+    -------
+    ndarray, (n,)
+        In the unit of ``values``.
+    """
     beside = window // 2
     return np.asarray(np.convolve(np.pad(values, beside, mode="edge"), np.ones(window) / window, "valid"))
 
 
 def with_rest_before(path: Trajectory, samples: int) -> Trajectory:
-    """The motion with so many samples of rest before it."""
+    """The motion with so many samples of rest before it.
+
+    Parameters
+    ----------
+    path : Trajectory
+        Of the carriage.
+    samples : int
+        Of rest at its first place.
+
+    Returns
+    -------
+    Trajectory
+        Its times begin at 0.
+    """
     still = np.zeros(samples)
     return Trajectory(
         path.sample_period_s * np.arange(len(path.t_s) + samples, dtype=np.float64),
@@ -163,12 +215,34 @@ def with_rest_before(path: Trajectory, samples: int) -> Trajectory:
 
 
 def moved_mass(model: Model) -> float:
-    """Everything that moves along the belt, kg."""
+    """Mass of everything that moves along the belt.
+
+    Parameters
+    ----------
+    model : Model
+        With any number of bodies.
+
+    Returns
+    -------
+    float
+        kg.
+    """
     return sum(model[name] for name, body in model.bodies() if not body.rotary)
 
 
 def motor_side_inertia(model: Model) -> float:
-    """Everything that turns with the motor, kg m² at its shaft."""
+    """Inertia of everything that turns with the motor.
+
+    Parameters
+    ----------
+    model : Model
+        With any number of bodies.
+
+    Returns
+    -------
+    float
+        kg m² at the motor shaft.
+    """
     return sum(model[name] for name, body in model.bodies() if body.rotary)
 
 

@@ -143,8 +143,19 @@ class DesignPlant:
     def sampled(self, period_s: float) -> tuple[Array, Array, Array, int]:
         """Exact sampling of the plant with held torque setpoint u and dead time: x[k+1] = Φ x[k] + Γ0 u[k−n] + Γ1 u[k−n−1].
 
-        Returns Φ (4, 4), Γ0 (4,), Γ1 (4,) (2n with n bodies), n: whole periods of the dead time; Γ1 carries its fraction.
-        Source: modified z-transform (hold split at the fraction of the dead time).
+        Parameters
+        ----------
+        period_s : float, s
+            For which the setpoint is held.
+
+        Returns
+        -------
+        tuple of ndarray (N, N), ndarray (N,), ndarray (N,), int
+            Φ, Γ0, Γ1 and n, the whole periods of the dead time, whose fraction Γ1 carries; N is 4, or twice the bodies.
+
+        References
+        ----------
+        Modified z-transform (hold split at the fraction of the dead time).
         """
         return _sample_cached(self, period_s)
 
@@ -165,7 +176,18 @@ class DesignPlant:
         return np.asarray(states[:, 0, 0] * z**-whole)
 
     def continuous_response(self, omega_rad_s: Array) -> ComplexArray:
-        """The thesis's plant: (2.42) times exp(−s dead time), s = jω, rad/(N m); no belt damper, no sampling."""
+        """The thesis's plant: (2.42) times exp(−s dead time), s = jω; no belt damper, no sampling.
+
+        Parameters
+        ----------
+        omega_rad_s : ndarray
+            Above 0.
+
+        Returns
+        -------
+        ndarray of complex
+            rad/(N m), motor shaft, in the shape of ``omega_rad_s``.
+        """
         s = 1j * omega_rad_s
         total = self.total_inertia_kg_m2
         rigid = s * s * total + s * self.friction_damping_nm_s_rad
@@ -180,6 +202,18 @@ def with_friction_fractions(plant: DesignPlant, fractions: Sequence[float]) -> l
 
     Around standstill Coulomb friction poses as damping, on the moving axis it is gone: a loop must hold for all fractions
     from 0 (constant friction) to 1 (what a frequency response around standstill shows); thesis sheet, 2.7 and 3.
+
+    Parameters
+    ----------
+    plant : DesignPlant
+        As a frequency response around standstill shows it.
+    fractions : sequence of float
+        0 to 1.
+
+    Returns
+    -------
+    list of DesignPlant
+        One for each, named so.
     """
     return [
         replace(
@@ -204,7 +238,20 @@ def _sample_cached(plant: DesignPlant, period_s: float) -> tuple[Array, Array, A
 
 @in_one_thread
 def sample_plants(plants: Sequence[DesignPlant], period_s: float) -> tuple[Array, Array, Array, NDArray[np.int64]]:
-    """:meth:`DesignPlant.sampled` of p plants with equally many bodies at once: Φ (p, n, n), Γ0 (p, n), Γ1 (p, n), whole periods (p,)."""
+    """Exact sampling of p plants with equally many bodies at once, see :meth:`DesignPlant.sampled`.
+
+    Parameters
+    ----------
+    plants : sequence of DesignPlant
+        Each with its dead time.
+    period_s : float, s
+        For which the setpoint is held.
+
+    Returns
+    -------
+    tuple of ndarray (p, n, n), ndarray (p, n), ndarray (p, n), ndarray (p,) of int
+        Φ, Γ0, Γ1 and the whole periods of the dead time.
+    """
     dead = np.array([plant.dead_time_s for plant in plants])
     whole = np.floor(dead / period_s + 1e-9).astype(np.int64)
     fraction = np.maximum(dead - whole * period_s, 0.0)

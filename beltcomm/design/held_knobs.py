@@ -55,7 +55,22 @@ class KnobPlants:
 
 
 def specification_of(knobs: Knobs, prefilter: Prefilter, velocity_filter_s: float) -> Specification:
-    """The knobs as bounds; gain margin and sensitivity as in every design of the product."""
+    """The knobs as bounds; gain margin and sensitivity as in every design of the product.
+
+    Parameters
+    ----------
+    knobs : Knobs
+        Margins and suppression.
+    prefilter : Prefilter
+        The only kind allowed.
+    velocity_filter_s : float, s
+        T_R.
+
+    Returns
+    -------
+    Specification
+        For a search over gains.
+    """
     return Specification(
         phase_margin_deg=knobs.phase_margin_deg,
         suppression_db=knobs.suppression_db,
@@ -93,7 +108,24 @@ def gains_of_knobs(plants: KnobPlants, prefilter: Prefilter, velocity_filter_s: 
 
 
 def suppression_range(shape: LoopShape, structure: CascadeStructure, specification: Specification, values_db: Array) -> NDArray[np.bool_]:
-    """Suppressions that the velocity loop can have with the phase margin of ``specification``, at any T_N; shape of ``values_db``."""
+    """Suppressions that the velocity loop can have with the phase margin of a specification, at any T_N.
+
+    Parameters
+    ----------
+    shape : LoopShape
+        Of the plants.
+    structure : CascadeStructure
+        With the bounds of the drive.
+    specification : Specification
+        Phase margin, gain margin and sensitivity.
+    values_db : ndarray
+        Suppressions asked about.
+
+    Returns
+    -------
+    ndarray of bool
+        In the shape of ``values_db``.
+    """
     possible = np.zeros(len(values_db), dtype=bool)
     for time in _times(shape, structure):
         unit = unit_loop(shape, time)
@@ -108,6 +140,20 @@ def highest_position_margin(shape: LoopShape, structure: CascadeStructure, speci
     """The largest position phase margin that some K_PP of the drive leaves, to a quarter of a degree; 0 where none leaves any.
 
     With suppression and velocity phase margin of ``specification``, at any T_N.
+
+    Parameters
+    ----------
+    shape : LoopShape
+        Of the plants.
+    structure : CascadeStructure
+        With the bounds of the drive.
+    specification : Specification
+        Suppression and velocity phase margin.
+
+    Returns
+    -------
+    float, deg
+        0 where no gain leaves any.
     """
     gains = [(time, kp) for time in _times(shape, structure) if (kp := _at(shape, structure, specification, time)) is not None]
     paths = [position_path(kp * unit_loop(shape, time), shape.estimator) for time, kp in gains]

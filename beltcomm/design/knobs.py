@@ -63,6 +63,18 @@ def knobs_of(plant: DesignPlant, cascade: Cascade) -> KnobSetting:
 
     The prefilter and T_R of ``cascade`` count as given.
 
+    Parameters
+    ----------
+    plant : DesignPlant
+        On which the margins are asked.
+    cascade : Cascade
+        Gains, prefilter and T_R.
+
+    Returns
+    -------
+    KnobSetting
+        Margins and suppression, and the design that they give.
+
     Raises
     ------
     Refused
@@ -99,7 +111,24 @@ def gains_for(plant: DesignPlant, prefilter: PrefilterKind | Prefilter, knobs: K
 
 
 def designs_along_knob(plant: DesignPlant, prefilter: PrefilterKind | Prefilter, knob: Knob, values: Sequence[float]) -> tuple[Turn, ...]:
-    """The designs with one knob at each of ``values`` and the others at their defaults, T_R 2 ms."""
+    """Designs with one knob at several values and the others at their defaults, T_R 2 ms.
+
+    Parameters
+    ----------
+    plant : DesignPlant
+        On which the margins are asked.
+    prefilter : PrefilterKind or Prefilter
+        Laid out on the plant, or as it is.
+    knob : Knob
+        Which is turned.
+    values : sequence of float
+        In the unit of the knob.
+
+    Returns
+    -------
+    tuple of Turn
+        One for each value, with the refusal where there is no design.
+    """
     turns = []
     for value in values:
         try:

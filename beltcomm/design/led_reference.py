@@ -59,7 +59,20 @@ class LedReference:
 
 
 def can_lead(structure: CascadeStructure, cascade: Cascade) -> bool:
-    """True if a cascade is the one that is inverted here: P-PI without filters, and no feedforward that follows better."""
+    """True if a cascade is the one that is inverted here: P-PI without filters, and no feedforward that follows better.
+
+    Parameters
+    ----------
+    structure : CascadeStructure
+        What the drive's loop has.
+    cascade : Cascade
+        The controller.
+
+    Returns
+    -------
+    bool
+        False without gains.
+    """
     own, prefilter = structure.velocity_feedforward or structure.torque_feedforward, cascade.prefilter
     return not own and prefilter.kind == "none" and not prefilter.roll_off_rad_s and min(cascade.kp_nm_s_rad, cascade.kpp_1_s) > 0.0
 

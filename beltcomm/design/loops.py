@@ -68,7 +68,18 @@ class LoopShape:
     antiresonance_rad_s: Array
 
     def rows(self, plants: Sequence[int]) -> LoopShape:
-        """The shape of some of the plants."""
+        """The shape of some of the plants.
+
+        Parameters
+        ----------
+        plants : sequence of int
+            Which, in the order wanted.
+
+        Returns
+        -------
+        LoopShape
+            (k, n) arrays.
+        """
         k = list(plants)
         return LoopShape(
             self.omega_rad_s[k],
@@ -84,6 +95,20 @@ def sample_plants(plants: Sequence[DesignPlant], period_s: float, points: int) -
     """Exact sampled responses of all plants; ``points`` per plant on the log-spaced base grid, as many again around ω_r, ω_z.
 
     The base grid runs from 0.3 rad/s, below every crossover that commissions an axis, to π/T.
+
+    Parameters
+    ----------
+    plants : sequence of DesignPlant
+        p plants.
+    period_s : float, s
+        T of the controller.
+    points : int
+        Of the base grid.
+
+    Returns
+    -------
+    SampledPlants
+        Responses in rad/(N m), (p, n).
     """
     omega = frequencies(plants, period_s, points)
     response = np.array([plant.sampled_response(row, period_s) for plant, row in zip(plants, omega, strict=True)])
@@ -92,6 +117,20 @@ def sample_plants(plants: Sequence[DesignPlant], period_s: float, points: int) -
 
 def loop_shape(sampled: SampledPlants, prefilter: Prefilter, velocity_filter_s: float) -> LoopShape:
     """The shape of the velocity loop with this prefilter and T_R.
+
+    Parameters
+    ----------
+    sampled : SampledPlants
+        p plants.
+    prefilter : Prefilter
+        In front of the velocity controller.
+    velocity_filter_s : float, s
+        T_R.
+
+    Returns
+    -------
+    LoopShape
+        Everything of the loop but K_P and K_I.
 
     Raises
     ------
@@ -111,12 +150,36 @@ def loop_shape(sampled: SampledPlants, prefilter: Prefilter, velocity_filter_s: 
 
 
 def open_velocity_loop(shape: LoopShape, kp: float, ki: float) -> ComplexArray:
-    """L_ω = PI × prefilter × plant × estimator, ndarray (p, n)."""
+    """L_ω = PI × prefilter × plant × estimator, ndarray (p, n).
+
+    Parameters
+    ----------
+    shape : LoopShape
+        Of p plants.
+    kp, ki : float
+        N m s/rad and N m/rad.
+
+    Returns
+    -------
+    ndarray, (p, n) complex
+        Without unit.
+    """
     return np.asarray((kp + ki * shape.integrator) * shape.without_pi)
 
 
 def position_path(velocity_loop: ComplexArray, estimator: ComplexArray) -> ComplexArray:
-    """Position loop without K_PP, (4.10) with the prefilter in it: L_ω/(1 + L_ω)/estimator, s."""
+    """Position loop without K_PP, (4.10) with the prefilter in it: L_ω/(1 + L_ω)/estimator.
+
+    Parameters
+    ----------
+    velocity_loop, estimator : ndarray, (p, n) complex
+        L_ω, and the answer of the velocity measurement to the angle, 1/s.
+
+    Returns
+    -------
+    ndarray, (p, n) complex
+        s.
+    """
     return np.asarray(velocity_loop / ((1.0 + velocity_loop) * estimator))
 
 
@@ -137,7 +200,22 @@ def open_loops(plant: DesignPlant, cascade: Cascade, period_s: float, omega_rad_
 
 
 def closed_loop_poles(plant: DesignPlant, cascade: Cascade, period_s: float) -> ComplexArray:
-    """Poles z of the closed cascade without feedforward; K_PP = 0 gives the velocity loop and one pole at 1, the free angle."""
+    """Poles of the closed cascade without feedforward.
+
+    Parameters
+    ----------
+    plant : DesignPlant
+        With its dead time.
+    cascade : Cascade
+        K_PP = 0 gives the velocity loop and one pole at 1, the free angle.
+    period_s : float, s
+        T of the controller.
+
+    Returns
+    -------
+    ndarray, (N,) complex
+        z.
+    """
     advance, new, old, whole = plant.sampled(period_s)
     matrix = closed_loop_matrix(advance, new, old, whole, cascade, period_s)
     return np.asarray(np.linalg.eigvals(matrix), dtype=np.complex128)  # eigvals returns real numbers when all of them are
@@ -148,6 +226,22 @@ def closed_loop_matrix(advance: Array, new: Array, old: Array, whole: int, casca
 
     State: plant (4, or two per body), torque setpoints under way (n + 1), last angle, measured velocity, prefilter (2), integrator,
     additional low-pass (2) where there is one.
+
+    Parameters
+    ----------
+    advance, new, old : ndarray, (..., n, n) and (..., n)
+        Φ, Γ0, Γ1 of :meth:`DesignPlant.sampled`.
+    whole : int
+        Whole periods of the dead time.
+    cascade : Cascade
+        The controller.
+    period_s : float, s
+        T of the controller.
+
+    Returns
+    -------
+    ndarray, (..., N, N)
+        State after a period from the state before it.
     """
     return _period(advance, new, old, whole, cascade, period_s)[..., :-1]
 
@@ -155,8 +249,20 @@ def closed_loop_matrix(advance: Array, new: Array, old: Array, whole: int, casca
 def closed_loop_inputs(plant: DesignPlant, cascade: Cascade, period_s: float) -> tuple[Array, Array, Array]:
     """The closed cascade of one plant with what drives it: x[k+1] = M x[k] + b ω_d[k] + g τ[k].
 
-    Returns M (N, N) as :func:`closed_loop_matrix`;  b (N,), of a reference velocity, rad/s (a reference angle φ_d enters as K_PP φ_d);
-    g (N,), of a torque that acts on the motor at once, N m.
+    Parameters
+    ----------
+    plant : DesignPlant
+        With its dead time.
+    cascade : Cascade
+        The controller.
+    period_s : float, s
+        T of the controller.
+
+    Returns
+    -------
+    tuple of ndarray (N, N), ndarray (N,), ndarray (N,)
+        M as :func:`closed_loop_matrix`; b of a reference velocity, rad/s (a reference angle φ_d enters as K_PP φ_d); g of a torque that
+        acts on the motor at once, N m.
     """
     advance, new, old, whole = plant.sampled(period_s)
     period = _period(advance, new, old, whole, cascade, period_s)

@@ -87,14 +87,36 @@ class WorstMargins:
 
 
 def bandwidths_hz(margins: Sequence[Margins]) -> list[tuple[float, float]]:
-    """Lowest and highest crossover over all variants, Hz, of the velocity loop and the position loop; nan where none has one."""
+    """Lowest and highest crossover over all variants.
+
+    Parameters
+    ----------
+    margins : sequence of Margins
+        One for each variant of the plant.
+
+    Returns
+    -------
+    list of tuple of float
+        Hz, of the velocity loop and of the position loop; nan where none has one.
+    """
     crossovers = ([getattr(one, f"{loop}crossover_rad_s") / math.tau for one in margins] for loop in ("", "position_"))
     finite = ([hz for hz in found if math.isfinite(hz)] or [math.nan] for found in crossovers)
     return [(min(found), max(found)) for found in finite]
 
 
 def worst_of(margins: Sequence[Margins]) -> WorstMargins:
-    """The least favourable of all variants; a crossover is nan where none has one."""
+    """The least favourable of all variants, margin by margin.
+
+    Parameters
+    ----------
+    margins : sequence of Margins
+        One for each variant of the plant.
+
+    Returns
+    -------
+    WorstMargins
+        A crossover is nan where none has one.
+    """
     (velocity, _), (position, _) = bandwidths_hz(margins)
     return WorstMargins(
         min(one.phase_margin_deg for one in margins),
@@ -125,7 +147,20 @@ def margins(cascade: Cascade, plants: Sequence[DesignPlant], period_s: float) ->
 
 
 def margins_on(cascade: Cascade, sampled: SampledPlants) -> tuple[Margins, ...]:
-    """As :func:`margins`, on plants already sampled."""
+    """Margins of a cascade on plants that are sampled already, see :func:`margins`.
+
+    Parameters
+    ----------
+    cascade : Cascade
+        The controller.
+    sampled : SampledPlants
+        With the controller's period.
+
+    Returns
+    -------
+    tuple of Margins
+        One for each plant.
+    """
     shape = loop_shape(sampled, cascade.prefilter, cascade.velocity_filter_s)
     velocity = open_velocity_loop(shape, cascade.kp_nm_s_rad, cascade.ki_nm_rad)
     position = cascade.kpp_1_s * position_path(velocity, shape.estimator)
@@ -158,10 +193,22 @@ def margins_on(cascade: Cascade, sampled: SampledPlants) -> tuple[Margins, ...]:
 
 
 def resonance_or_peak(loop: ComplexArray, omega_rad_s: Array, resonance_rad_s: Array) -> NDArray[np.bool_]:
-    """Frequencies at which the suppression is asked: at and above the resonance, and at every local peak of the gain; shape of ``loop``.
+    """Frequencies at which the suppression is asked: at and above the resonance, and at every local peak of the gain.
 
     Of a resonance beyond what the loop samples, the upper half of that: the highest frequency alone says nothing, the sampling makes a
     zero there.
+
+    Parameters
+    ----------
+    loop : ndarray, (..., n) complex
+        Open velocity loop.
+    omega_rad_s, resonance_rad_s : ndarray, (..., n) and (..., 1)
+        Frequencies, and the plant's resonance.
+
+    Returns
+    -------
+    ndarray of bool
+        In the shape of ``loop``.
     """
     level, highest = np.abs(loop), omega_rad_s[..., -1:]
     peak = np.zeros(loop.shape, dtype=bool)
@@ -170,9 +217,21 @@ def resonance_or_peak(loop: ComplexArray, omega_rad_s: Array, resonance_rad_s: A
 
 
 def phase_margin(omega_rad_s: Array, loop: ComplexArray) -> tuple[float, float]:
-    """Smallest distance, deg, of the loop's phase to ±180 deg over all crossovers, and the highest crossover, rad/s.
+    """Smallest distance of a loop's phase to ±180 deg over all crossovers, and the highest crossover.
 
-    (inf, nan) without a crossover.  A distance has no sign: that the loop is stable at all is a matter of its poles.
+    A distance has no sign: that the loop is stable at all is a matter of its poles.
+
+    Parameters
+    ----------
+    omega_rad_s : ndarray, (n,)
+        Ascending.
+    loop : ndarray, (n,) complex
+        Open loop.
+
+    Returns
+    -------
+    tuple of float
+        deg and rad/s; (inf, nan) without a crossover.
     """
     level = np.log(np.maximum(np.abs(loop), 1e-300))
     at = np.flatnonzero((level[:-1] > 0.0) != (level[1:] > 0.0))
@@ -187,7 +246,18 @@ def phase_margin(omega_rad_s: Array, loop: ComplexArray) -> tuple[float, float]:
 
 
 def gain_margin_db(loop: ComplexArray) -> float:
-    """Smallest gain factor above 1, dB, that brings the loop to −1; inf when it never crosses the negative real axis."""
+    """Smallest gain factor above 1 that brings a loop to −1.
+
+    Parameters
+    ----------
+    loop : ndarray, (n,) complex
+        Open loop.
+
+    Returns
+    -------
+    float, dB
+        inf when it never crosses the negative real axis.
+    """
     left = (loop.real[:-1] < 0.0) & (loop.real[1:] < 0.0)
     at = np.flatnonzero(left & ((loop.imag[:-1] > 0.0) != (loop.imag[1:] > 0.0)))
     share = loop.imag[at] / (loop.imag[at] - loop.imag[at + 1])

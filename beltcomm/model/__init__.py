@@ -325,7 +325,20 @@ class Model:
 
 
 def body_list(effects: Iterable[str], base_bodies: Iterable[str]) -> tuple[tuple[str, Body], ...]:
-    """(full name of the inertia parameter, body) of the base bodies and of those that effects bring."""
+    """Bodies of a combination of effects.
+
+    Parameters
+    ----------
+    effects : iterable of str
+        Names.
+    base_bodies : iterable of str
+        Bodies that are there without an effect, the driven one first.
+
+    Returns
+    -------
+    tuple of (str, Body)
+        Full name of the inertia parameter and body: the base bodies, then those that effects bring.
+    """
     return _body_list(tuple(effects), tuple(base_bodies))
 
 
@@ -338,7 +351,18 @@ def _body_list(effects: tuple[str, ...], base_bodies: tuple[str, ...]) -> tuple[
 
 
 def effect_parameters(effect: Effect) -> dict[str, Parameter]:
-    """Parameters that an effect brings into a model, by full name: inertias of its bodies and its own."""
+    """Parameters that an effect brings into a model.
+
+    Parameters
+    ----------
+    effect : Effect
+        The effect.
+
+    Returns
+    -------
+    dict of str to Parameter
+        By full name, in units of the motor side: inertias of its bodies, then its own.
+    """
     own = {f"{body.name}.{body.inertia.name}": body.inertia for body in effect.bodies}
     own |= dict(zip(effect.full_names(), effect.parameters, strict=True))
     return own
@@ -348,6 +372,18 @@ def on_side(parameter: Parameter, side: Side) -> Parameter:
     """The parameter of a motor-side law in the units of another side: the laws only know coordinates and forces.
 
     Start and bounds are carried over with a usual transmission, for ampere with a usual torque constant.
+
+    Parameters
+    ----------
+    parameter : Parameter
+        In units of the motor side.
+    side : Side
+        To which the torque of the model's records refers.
+
+    Returns
+    -------
+    Parameter
+        As it is where its unit is that of both sides.
     """
     if side == "motor" or parameter.unit not in _OTHER_SIDE[side]:
         return parameter
@@ -356,7 +392,19 @@ def on_side(parameter: Parameter, side: Side) -> Parameter:
 
 
 def expected_parameters(effects: Iterable[str], base_bodies: Iterable[str], side: Side = "motor") -> dict[str, Parameter]:
-    """All parameters of a combination, by full name in their fixed order.
+    """Parameters of a combination of effects.
+
+    Parameters
+    ----------
+    effects, base_bodies : iterable of str
+        Names.
+    side : Side
+        Whose units they have.
+
+    Returns
+    -------
+    dict of str to Parameter
+        By full name, in their fixed order.
 
     Raises
     ------
@@ -396,7 +444,22 @@ def _motor_parameters(effects: Iterable[str], base_bodies: Iterable[str]) -> dic
 
 
 def default_values(parameters: Mapping[str, Parameter], values: Mapping[str, float], origin: str) -> dict[str, Value]:
-    """Values at their start, or as given by full name or by bare parameter name; a form is held there."""
+    """Values at their start, or as given by full name or by bare parameter name; a form is held there.
+
+    Parameters
+    ----------
+    parameters : mapping of str to Parameter
+        By full name.
+    values : mapping of str to float
+        In the units of ``parameters``.
+    origin : str
+        Noted with every value.
+
+    Returns
+    -------
+    dict of str to Value
+        Without intervals; the bounds are those of the parameter.
+    """
     found = {}
     for name, p in parameters.items():
         value = float(values.get(name, values.get(p.name, p.start)))
@@ -414,7 +477,33 @@ def build_model(
     origin: str = "",
     side: Side = "motor",
 ) -> Model:
-    """A model from plain numbers by full parameter name; the others stand at their start value."""
+    """A model from plain numbers.
+
+    Parameters
+    ----------
+    name : str
+        Of the model.
+    effects : iterable of str
+        Names.
+    values : mapping of str to float
+        By full parameter name, in the units of ``side``; parameters that are left out stand at their start value.
+    base_bodies : tuple of str
+        The driven body first.
+    origin : str
+        Where the numbers are from.
+    side : Side
+        To which the torque of the model's records refers.
+
+    Returns
+    -------
+    Model
+        Without intervals.
+
+    Raises
+    ------
+    UsageError
+        For a value of a parameter that the effects do not have.
+    """
     effects = tuple(effects)
     expected = expected_parameters(effects, base_bodies, side)
     unknown = [key for key in values if key not in expected]
@@ -425,6 +514,16 @@ def build_model(
 
 def model_from_dict(data: Mapping[str, Any]) -> Model:
     """Inverse of :meth:`Model.to_dict`.  Bounds and units that are left out come from the effect.
+
+    Parameters
+    ----------
+    data : mapping
+        As read from YAML or JSON.
+
+    Returns
+    -------
+    Model
+        With the usual form of a law that had no other when the file was written.
 
     Raises
     ------
@@ -537,6 +636,16 @@ def load_plant(name: str | Path, drive: Mapping[str, object] | None = None) -> P
 
 def load_model(path: Path | str) -> Model:
     """Load a model or plant file.
+
+    Parameters
+    ----------
+    path : Path or str
+        YAML file.
+
+    Returns
+    -------
+    Model
+        Of a plant file, the model in it.
 
     Raises
     ------

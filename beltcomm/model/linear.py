@@ -79,7 +79,18 @@ class Matrices:
     outputs: Array
 
     def hold(self, names: Sequence[str]) -> Matrices:
-        """Axis with those bodies held; held at the motor, it oscillates at the motor's antiresonances."""
+        """Axis with those bodies held; held at the motor, it oscillates at the motor's antiresonances.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Bodies that cannot move.
+
+        Returns
+        -------
+        Matrices
+            Of the others.
+        """
         free = [i for i, body in enumerate(self.bodies) if body not in names]
         square = np.ix_(free, free)
         bodies = tuple(self.bodies[i] for i in free)
@@ -269,6 +280,20 @@ def equivalent_damping(level: Callable[..., float], amplitude: float, omega_rad_
 def state_space(model: Model, point: Point, standstill: Standstill = "refuse") -> StateSpace:
     """State space of (2.33) to (2.37) for any number of bodies.
 
+    Parameters
+    ----------
+    model : Model
+        With any number of bodies.
+    point : Point
+        Operating point.
+    standstill : Standstill
+        Set-valued friction at speed zero, see :func:`matrices`.
+
+    Returns
+    -------
+    StateSpace
+        Torque at the motor shaft, N m, to motor angle, rad, and carriage position, m.
+
     Raises
     ------
     Refused
@@ -294,7 +319,26 @@ def sampled_response(
     sample_period_s: float,
     standstill: Standstill = "refuse",
 ) -> ComplexArray:
-    """Exact response of the sampled motor angle to the held torque, rad/(N m), (m,).  See :meth:`StateSpace.sampled`."""
+    """Exact response of the sampled motor angle to the held torque, see :meth:`StateSpace.sampled`.
+
+    Parameters
+    ----------
+    model : Model
+        With any number of bodies.
+    point : Point
+        Operating point.
+    freq_hz : ArrayLike, (m,)
+        Above 0 and below the sampling frequency.
+    sample_period_s : float, s
+        For which the torque is held.
+    standstill : Standstill
+        Set-valued friction at speed zero, see :func:`matrices`.
+
+    Returns
+    -------
+    ndarray, (m,) complex
+        rad/(N m), motor shaft.
+    """
     return state_space(model, point, standstill).sampled(freq_hz, sample_period_s)[:, 0]
 
 
@@ -313,13 +357,39 @@ def modes(model: Model, point: Point, standstill: Standstill = "refuse", held: S
 
 
 def fastest_rate(model: Model, point: Point) -> float:
-    """Largest |eigenvalue|, rad/s, with sliding friction: what a step of integration must resolve."""
+    """Fastest rate of a model with sliding friction: what a step of integration must resolve.
+
+    Parameters
+    ----------
+    model : Model
+        With any number of bodies.
+    point : Point
+        Operating point; a standstill counts as 1 rad/s.
+
+    Returns
+    -------
+    float, rad/s
+        Largest |eigenvalue|.
+    """
     sliding = Point(point.position_m, point.motor_speed_rad_s or 1.0, point.transmission_m_rad)
     return float(np.max(np.abs(_eigenvalues(matrices(model, sliding))), initial=0.0))
 
 
 def describes(model: Model, position_m: float) -> bool:
-    """True if the model means anything with the carriage there: beyond the pulleys a belt section has negative length."""
+    """True if the model means anything with the carriage there: beyond the pulleys a belt section has negative length.
+
+    Parameters
+    ----------
+    model : Model
+        With any number of bodies.
+    position_m : float, m
+        Carriage on the axis.
+
+    Returns
+    -------
+    bool
+        False, too, for a position that is no number.
+    """
     if not math.isfinite(position_m):
         return False
     total: dict[tuple[str, str], float] = {}
@@ -331,7 +401,20 @@ def describes(model: Model, position_m: float) -> bool:
 
 
 def acts_on(model: Model, effect: Effect) -> tuple[int, float]:
-    """Body that an effect acts on, and the lever of its law there: without a belt the carriage is the driven body itself."""
+    """Body that an effect acts on, and the lever of its law there: without a belt the carriage is the driven body itself.
+
+    Parameters
+    ----------
+    model : Model
+        That has the effect, or may get it.
+    effect : Effect
+        A force or friction.
+
+    Returns
+    -------
+    tuple of int and float
+        Index among the model's bodies, and lever in m/rad; 1 for the body that the effect names.
+    """
     bodies = [body for _, body in model.bodies()]
     names = [body.name for body in bodies]
     if effect.body in names:
@@ -340,7 +423,22 @@ def acts_on(model: Model, effect: Effect) -> tuple[int, float]:
 
 
 def values_of(model: Model, effect: Effect, position_m: float) -> list[float]:
-    """Values of an effect's own parameters and of those it uses, as its law wants them."""
+    """Values of an effect's own parameters and of those it uses, as its law wants them.
+
+    Parameters
+    ----------
+    model : Model
+        That has the effect.
+    effect : Effect
+        Whose law is asked.
+    position_m : float, m
+        Carriage, for laws that use the belt's stiffness or damping.
+
+    Returns
+    -------
+    list of float
+        In the order of the law's arguments.
+    """
     values = []
     for name in (*effect.full_names(), *effect.uses):
         if name in (BELT_STIFFNESS, BELT_DAMPING):
@@ -351,19 +449,56 @@ def values_of(model: Model, effect: Effect, position_m: float) -> list[float]:
 
 
 def belt_at(model: Model, position_m: float) -> tuple[float, float]:
-    """Stiffness N/m and damping N s/m of the belt with the carriage there, before other effects change them."""
+    """Stiffness and damping of the belt at a place, before other effects change them.
+
+    Parameters
+    ----------
+    model : Model
+        Without a belt both are 0.
+    position_m : float, m
+        Carriage on the axis.
+
+    Returns
+    -------
+    tuple of float
+        N/m and N s/m.
+    """
     plain = [effect for effect in model.effect_list() if is_plain_belt(effect)]
     slopes = [effect.elements[0].slope(position_m, *values_of(model, effect, position_m)) for effect in plain]
     return sum(k for k, _ in slopes), sum(d for _, d in slopes)
 
 
 def carriage_of(names: Sequence[str]) -> int:
-    """Index of the body whose belt coordinate is the carriage position."""
+    """Index of the body whose belt coordinate is the carriage position.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Bodies of a model.
+
+    Returns
+    -------
+    int
+        0, the driven body, without a carriage.
+    """
     return names.index("cart") if "cart" in names else 0
 
 
 def stretch_of(model: Model, element: Element) -> Array:
-    """g with stretch = gᵀ q, (n,)."""
+    """Row of an element: its stretch is gᵀ q.
+
+    Parameters
+    ----------
+    model : Model
+        With the bodies at both ends.
+    element : Element
+        Between two bodies.
+
+    Returns
+    -------
+    ndarray, (n,)
+        g, 1 or m/rad for each body.
+    """
     bodies = [body for _, body in model.bodies()]
     names = [body.name for body in bodies]
     result = np.zeros(len(names))

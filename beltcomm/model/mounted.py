@@ -28,17 +28,56 @@ class Mounted:
 
 
 def carrying(model: Model) -> str:
-    """Name of the mass that goes with the load: the carriage's, or that of all that turns where no carriage is known."""
+    """Name of the mass that goes with the load: the carriage's, or that of all that turns where no carriage is known.
+
+    Parameters
+    ----------
+    model : Model
+        Of any kind of axis.
+
+    Returns
+    -------
+    str
+        Full name of the parameter.
+    """
     return MASS if MASS in model.parameters else model.bodies()[0][0]
 
 
 def of_load(model: Model, number: int) -> str:
-    """Name of the mass of a load, from 0."""
+    """Name of the mass of a load, from 0.
+
+    Parameters
+    ----------
+    model : Model
+        Of any kind of axis.
+    number : int
+        0 is the load of the base model.
+
+    Returns
+    -------
+    str
+        Full name of the parameter.
+    """
     return carrying(model) if number == 0 else other_load(number, at_motor=carrying(model) != MASS).full_names()[0]
 
 
 def loaded(model: Model, vector: Array, mounted: Mounted | None) -> Array:
-    """Values of a model, in the order of its vector, in a record with such a load; the same array without any."""
+    """Values of a model, in the order of its vector, in a record with such a load; the same array without any.
+
+    Parameters
+    ----------
+    model : Model
+        With the masses of all loads.
+    vector : ndarray, (n,)
+        Values of its parameters.
+    mounted : Mounted or None
+        Load of the record.
+
+    Returns
+    -------
+    ndarray, (n,)
+        A new array, or ``vector``.
+    """
     if mounted is None:
         return vector
     found = vector.copy()
@@ -47,5 +86,18 @@ def loaded(model: Model, vector: Array, mounted: Mounted | None) -> Array:
 
 
 def loaded_model(model: Model, mounted: Mounted | None) -> Model:
-    """The model in a record with such a load."""
+    """The model in a record with such a load.
+
+    Parameters
+    ----------
+    model : Model
+        With the masses of all loads.
+    mounted : Mounted or None
+        Load of the record.
+
+    Returns
+    -------
+    Model
+        ``model`` itself without one.
+    """
     return model if mounted is None else model.with_vector(loaded(model, model.vector(), mounted))

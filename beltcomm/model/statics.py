@@ -99,6 +99,18 @@ def equilibrium(model: Model, position_m: float) -> Equilibrium:
 
     0 = f(q) + input · torque,   carriage at position_m   (friction is left out: it can only make holding easier)
 
+    Parameters
+    ----------
+    model : Model
+        With any number of bodies.
+    position_m : float, m
+        Carriage on the axis.
+
+    Returns
+    -------
+    Equilibrium
+        rad or m of each body, and N m at the motor shaft.
+
     Raises
     ------
     Refused

@@ -50,7 +50,18 @@ class TransferFunction:
         return result
 
     def delayed(self, delay_s: float) -> TransferFunction:
-        """Transfer function behind a dead time."""
+        """Transfer function behind a dead time.
+
+        Parameters
+        ----------
+        delay_s : float, s
+            Added to that which it has.
+
+        Returns
+        -------
+        TransferFunction
+            Numerator and denominator as they were.
+        """
         return replace(self, delay_s=self.delay_s + delay_s)
 
 
@@ -174,7 +185,21 @@ class TwoMass:
 
 
 def two_mass(model: Model, point: Point, standstill: Standstill = "refuse") -> TwoMass:
-    """The two-mass parameters of a model at an operating point; d_m is converted to N s/m at the belt.
+    """The two-mass parameters of a model at an operating point.
+
+    Parameters
+    ----------
+    model : Model
+        Of a motor and a carriage.
+    point : Point
+        Operating point.
+    standstill : Standstill
+        Set-valued friction at speed zero, see ``linear.matrices``.
+
+    Returns
+    -------
+    TwoMass
+        Viscous friction of the motor is converted to N s/m at the belt.
 
     Raises
     ------

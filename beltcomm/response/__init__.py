@@ -281,9 +281,25 @@ def period_spectra(
     t_s: Array | None = None,
     starts: Sequence[int] | None = None,
 ) -> tuple[Array, ComplexArray, ComplexArray, list[str]]:
-    """Spectra of torque and speed of every whole period: frequencies (k,), Hz, û_p and ŵ_p (periods, k), and what was left out.
+    """Spectra of torque and speed of every whole period; arguments and errors as for :func:`estimate_response`.
 
-    Arguments and errors as for :func:`estimate_response`.
+    Parameters
+    ----------
+    torque, position : ndarray, (n,)
+        N m at the motor shaft and rad.
+    sample_period_s : float, s
+        Sampling period.
+    period_samples, first_sample : int
+        Samples of a period, and where the first begins.
+    t_s : ndarray (n,) or None, s
+        Time stamps, where samples are missing.
+    starts : sequence of int or None
+        First samples of the periods that count, where not every one does.
+
+    Returns
+    -------
+    tuple of ndarray (k,), ndarray (periods, k), ndarray (periods, k), list of str
+        Frequencies, Hz; spectra û_p of the torque and ŵ_p of the speed; what was left out, in words.
     """
     angle, drive = _on_grid(torque, position, sample_period_s, t_s)
     if period_samples < 4 or first_sample < 0:

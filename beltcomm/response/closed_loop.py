@@ -39,14 +39,50 @@ def speed_controller(cascade: Cascade, freq_hz: Array, period_s: float) -> Compl
 
 
 def feedback(cascade: Cascade, freq_hz: Array, period_s: float, loop: Loop) -> ComplexArray:
-    """Controller's answer to the motor angle: C = G_R C_ω or (G_R + K_PP) C_ω, N m/rad, (k,).   Source: (3.21)."""
+    """Controller's answer to the motor angle: C = G_R C_ω or (G_R + K_PP) C_ω.
+
+    Parameters
+    ----------
+    cascade : Cascade
+        The controller.
+    freq_hz : ndarray, (k,)
+        Above 0.
+    period_s : float, s
+        Period of the controller.
+    loop : {'velocity', 'position'}
+        Which of its loops is closed.
+
+    Returns
+    -------
+    ndarray, (k,) complex
+        N m/rad, motor shaft.
+
+    References
+    ----------
+    Thesis (3.21).
+    """
     measured = velocity_filter_response(2.0 * np.pi * freq_hz, cascade.velocity_filter_s, period_s)
     outer = cascade.kpp_1_s if loop == "position" else 0.0
     return np.asarray((measured + outer) * speed_controller(cascade, freq_hz, period_s))
 
 
 def setpoint_path(cascade: Cascade, freq_hz: Array, period_s: float) -> ComplexArray:
-    """From the speed setpoint to the torque: C_ω, behind the filter of the reference where the drive has it, N m s/rad, (k,)."""
+    """From the speed setpoint to the torque: C_ω, behind the filter of the reference where the drive has it.
+
+    Parameters
+    ----------
+    cascade : Cascade
+        The controller.
+    freq_hz : ndarray, (k,)
+        Above 0.
+    period_s : float, s
+        Period of the controller.
+
+    Returns
+    -------
+    ndarray, (k,) complex
+        N m s/rad, motor shaft.
+    """
     path = speed_controller(cascade, freq_hz, period_s)
     if not cascade.filter_reference:
         return path

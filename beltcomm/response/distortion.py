@@ -32,7 +32,18 @@ class Silent:
     noise: Array
 
     def rms(self, low_hz: float, high_hz: float) -> float:
-        """Root mean square of the level within a band; nan without lines there."""
+        """Root mean square of the level within a band; nan without lines there.
+
+        Parameters
+        ----------
+        low_hz, high_hz : float, Hz
+            Ends of the band; lines upon them count.
+
+        Returns
+        -------
+        float
+            rad/s/(N m).
+        """
         here = (self.freq_hz >= low_hz) & (self.freq_hz <= high_hz)
         return float(np.sqrt(np.mean(self.level[here] ** 2))) if here.any() else float("nan")
 
@@ -67,6 +78,22 @@ def distortion(
     |level|² = |mean|² - noise²,  not below 0;  noise² = scatter between the periods over their number.
 
     Arguments as for :func:`beltcomm.response.estimate_response`.
+
+    Parameters
+    ----------
+    torque, position : ndarray, (n,)
+        N m at the motor shaft and rad.
+    sample_period_s : float, s
+        Sampling period.
+    period_samples, first_sample : int
+        Samples of a period, and where the first begins.
+    t_s : ndarray (n,) or None, s
+        Time stamps, where samples are missing.
+
+    Returns
+    -------
+    Distortion
+        By line up to half the sampling rate.
 
     Raises
     ------
@@ -105,13 +132,26 @@ def distortion(
 
 
 def line_scatter(response: FrequencyResponse) -> Array:
-    """By how much h differs from what its neighbours vouch for, standard deviation, rad/(N m), (k,): noise and what repeats with it.
+    """Scatter of a response about what the neighbours of a line vouch for: noise and what repeats with it.
 
     A parabola through ω² h of ``WINDOW`` lines leaves e:  s² = Σ|e|²/(7 - 3)
 
     Friction answers a periodic excitation with the same wrong lines in every period: scatter between periods does not see that, scatter
-    between lines does.  Where the response bends within the window, at a sharp resonance, it is too large.  0 with fewer lines.
-    Source: local polynomial method, Pintelon, Schoukens, System Identification (2012), section 7.2.
+    between lines does.  Where the response bends within the window, at a sharp resonance, it is too large.
+
+    Parameters
+    ----------
+    response : FrequencyResponse
+        With even lines.
+
+    Returns
+    -------
+    ndarray, (k,)
+        Standard deviation of h, rad/(N m); 0 with fewer than ``WINDOW`` lines.
+
+    References
+    ----------
+    Local polynomial method: Pintelon, Schoukens, System Identification (2012), section 7.2.
     """
     if len(response.freq_hz) < WINDOW:
         return np.zeros(len(response.freq_hz))
