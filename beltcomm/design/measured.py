@@ -170,10 +170,28 @@ def measured_loop(response: FrequencyResponse, cascade: Cascade, period_s: float
 def measured_margins(
     response: FrequencyResponse, cascade: Cascade, period_s: float, dead_time_s: float = 0.0, record: str = ""
 ) -> MeasuredMargins:
-    """Margins and stability of a cascade on a measured response; arguments and errors as for :func:`measured_loop`.
+    """Margins and stability of a cascade on a measured response; errors as for :func:`measured_loop`.
 
     Stable is counted by how often 1 + L turns around the origin (Nyquist, with the phase unwrapped), so that a phase beyond a turn is no
     margin.  Below the lowest line the loop is taken to run between -180 and 0 degrees, as that of every axis that friction does not drive.
+
+    Parameters
+    ----------
+    response : FrequencyResponse
+        Torque to motor angle, rad/(N m).
+    cascade : Cascade
+        The controller.
+    period_s : float, s
+        Its period.
+    dead_time_s : float, s
+        Where the response is that from the acting torque.
+    record : str
+        Name of the response.
+
+    Returns
+    -------
+    MeasuredMargins
+        With the noise of the response counted against it.
     """
     loop = measured_loop(response, cascade, period_s, dead_time_s)
     freq, velocity, share = _between(loop)

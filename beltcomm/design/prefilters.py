@@ -41,16 +41,41 @@ def notch_width(resonance_rad_s: float, antiresonance_rad_s: float, attenuation_
 
 
 def butterworth_cutoff_rad_s(antiresonance_rad_s: float, attenuation_db: float) -> float:
-    """ω_bw of the low-pass (4.3) that attenuates the antiresonance by ``attenuation_db`` (4.4), rad/s.
+    """ω_bw of the low-pass (4.3) that attenuates the antiresonance so much (4.4).
 
     |G_bw(jω)|² = 1/(1 + (ω/ω_bw)⁴), hence ω_bw = ω_z (10^(−attenuation_db/10) − 1)^(−1/4).
+
+    Parameters
+    ----------
+    antiresonance_rad_s : float, rad/s
+        ω_z.
+    attenuation_db : float, dB
+        Below 0.
+
+    Returns
+    -------
+    float, rad/s
+        ω_bw.
     """
     _check(math.inf, antiresonance_rad_s, attenuation_db)
     return antiresonance_rad_s / math.sqrt(math.sqrt(10.0 ** (-attenuation_db / 10.0) - 1.0))
 
 
 def continuous_prefilter(omega_rad_s: NDArray[np.float64], prefilter: Prefilter) -> NDArray[np.complex128]:
-    """Frequency response of (4.1) or (4.3) as printed, s = jω, times that of the additional low-pass; 1 for no prefilter."""
+    """Frequency response of (4.1) or (4.3) as printed, s = jω, times that of the additional low-pass.
+
+    Parameters
+    ----------
+    omega_rad_s : ndarray
+        Any shape.
+    prefilter : Prefilter
+        Of any kind.
+
+    Returns
+    -------
+    ndarray of complex
+        1 for no prefilter.
+    """
     if prefilter.roll_off_rad_s > 0.0:
         low_pass = Prefilter("butterworth", prefilter.roll_off_rad_s)
         bare = replace(prefilter, roll_off_rad_s=0.0)

@@ -40,9 +40,27 @@ class Gains:
 def best_gains(
     shape: LoopShape, period_s: float, structure: CascadeStructure, specification: Specification, zooms: int = 3
 ) -> Gains | None:
-    """Largest K_I K_PP that meets the specification inside the drive's bounds; None when nothing does.
+    """Largest K_I K_PP that meets the specification inside the drive's bounds.
 
     A coarse log-spaced search over T_N and K_P, then ``zooms`` times a finer one around the best; K_PP follows in closed form.
+
+    Parameters
+    ----------
+    shape : LoopShape
+        Of all plants, with prefilter and T_R.
+    period_s : float, s
+        T of the controller.
+    structure : CascadeStructure
+        With the bounds of the drive.
+    specification : Specification
+        What is asked for.
+    zooms : int
+        Finer searches.
+
+    Returns
+    -------
+    Gains or None
+        None when nothing meets it.
     """
     tn_low, tn_high = integral_time_bounds(structure, period_s)
     if tn_low > tn_high:
@@ -64,7 +82,20 @@ def best_gains(
 
 
 def integral_time_bounds(structure: CascadeStructure, period_s: float) -> tuple[float, float]:
-    """Range of T_N, s: the drive's, else from two periods (faster, PI is an integrator) to 5 s (slower, it is none)."""
+    """Range of T_N: the drive's, else from two periods (faster, PI is an integrator) to 5 s (slower, it is none).
+
+    Parameters
+    ----------
+    structure : CascadeStructure
+        With the bounds of the drive.
+    period_s : float, s
+        T of the controller.
+
+    Returns
+    -------
+    tuple of float
+        Lowest and highest, s.
+    """
     low = max(structure.lowest.get("integral_time_s", 0.0), 2.0 * period_s)
     return low, min(structure.highest.get("integral_time_s", math.inf), 5.0)
 
@@ -119,12 +150,44 @@ def _best_on(
 
 
 def unit_loop(shape: LoopShape, tn: float) -> ComplexArray:
-    """The velocity loop for K_P = 1."""
+    """Open velocity loop for K_P = 1 N m s/rad.
+
+    Parameters
+    ----------
+    shape : LoopShape
+        Of p plants.
+    tn : float, s
+        Integral time K_P/K_I.
+
+    Returns
+    -------
+    ndarray, (p, n) complex
+        Per N m s/rad of K_P.
+    """
     return np.asarray((1.0 + shape.integrator / tn) * shape.without_pi)
 
 
 def highest_kp(unit: ComplexArray, shape: LoopShape, structure: CascadeStructure, specification: Specification, tn: float) -> float:
-    """K_P that the resonance suppression and the drive's bounds allow at this T_N."""
+    """K_P that the resonance suppression and the drive's bounds allow at this T_N.
+
+    Parameters
+    ----------
+    unit : ndarray, (p, n) complex
+        Loops for K_P = 1.
+    shape : LoopShape
+        Of the same plants.
+    structure : CascadeStructure
+        With the bounds of the drive.
+    specification : Specification
+        With the suppression.
+    tn : float, s
+        Integral time.
+
+    Returns
+    -------
+    float, N m s/rad
+        At the motor shaft.
+    """
     peaks = resonance_or_peak(unit, shape.omega_rad_s, shape.resonance_rad_s)
     top = 10.0 ** (specification.suppression_db / 20.0) / float(np.max(np.where(peaks, np.abs(unit), 1e-300)))
     return float(min(top, structure.highest.get("kp_nm_s_rad", math.inf), structure.highest.get("ki_nm_rad", math.inf) * tn))

@@ -105,6 +105,20 @@ def relax(specification: Specification, groups: tuple[str, ...], share: float) -
     """The specification with the named groups moved by ``share`` (0: as asked, 1: hardly any margin left).
 
     Margins and sensitivity of the velocity loop move together, because |1/(1 + L)| at a crossover is 1/(2 sin(margin/2)).
+
+    Parameters
+    ----------
+    specification : Specification
+        What was asked for.
+    groups : tuple of str
+        Of "velocity", "suppression" and "position".
+    share : float
+        0 to 1.
+
+    Returns
+    -------
+    Specification
+        Other groups as they were.
     """
     if "velocity" in groups:
         margin = _between(specification.phase_margin_deg, 5.0, share)
@@ -128,7 +142,18 @@ def _between(asked: float, least: float, share: float) -> float:
 
 
 def describe(specification: Specification) -> str:
-    """The request in one line, for messages."""
+    """The request in one line, for messages.
+
+    Parameters
+    ----------
+    specification : Specification
+        What is asked for.
+
+    Returns
+    -------
+    str
+        Margins, suppression and sensitivity with units.
+    """
     return (
         f"phase margin {specification.phase_margin_deg:.1f} deg, suppression {specification.suppression_db:.1f} dB, "
         f"gain margin {specification.gain_margin_db:.1f} dB, sensitivity {specification.sensitivity_db:.1f} dB, "

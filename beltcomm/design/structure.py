@@ -49,7 +49,18 @@ class Bodies:
         return np.array(self.mass), np.array(self.damping), np.array(self.stiffness)
 
     def with_carriage(self, mass_kg: float) -> Bodies:
-        """Bodies with another carriage mass, kg."""
+        """Bodies with another carriage.
+
+        Parameters
+        ----------
+        mass_kg : float, kg
+            Of the carriage.
+
+        Returns
+        -------
+        Bodies
+            Springs and dampers as they were.
+        """
         at = self.names.index("cart")
         return Bodies(self.names, (*self.mass[:at], mass_kg, *self.mass[at + 1 :]), self.damping, self.stiffness)
 
@@ -85,7 +96,18 @@ class LoopModel:
 
 
 def in_loop(model: Model) -> Model:
-    """The model without the effects that move no pole."""
+    """The model without the effects that move no pole.
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+
+    Returns
+    -------
+    Model
+        Those of its base stay.
+    """
     for effect in model.effect_list():
         outside = effect.slot in OUTSIDE_THE_LOOP or effect.slot == "force"
         if outside and effect.name not in BASE and effect.name in model.effects:
@@ -95,6 +117,18 @@ def in_loop(model: Model) -> Model:
 
 def loop_model(model: Model, position_m: float) -> LoopModel:
     """Bodies and springs of a model with the carriage there.
+
+    Parameters
+    ----------
+    model : Model
+        With motor and carriage, or rigid.
+    position_m : float, m
+        Carriage on the axis.
+
+    Returns
+    -------
+    LoopModel
+        Linear, while the axis moves.
 
     Raises
     ------
@@ -141,10 +175,32 @@ def _stiff(model: Model) -> LoopModel:
 
 
 def late_s(model: Model) -> float:
-    """Dead time that the model's own effects put between reported and acting torque, s."""
+    """Dead time that the model's own effects put between reported and acting torque.
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+
+    Returns
+    -------
+    float, s
+        A negative one counts as 0.
+    """
     return sum(max(0.0, model.get(name)) for effect, name in DELAYS if effect in model.effects)
 
 
 def neglected_effects(model: Model) -> tuple[str, ...]:
-    """Effects that the margins do not know although they change the belt's stiffness with its load."""
+    """Effects that the margins do not know although they change the belt's stiffness with its load.
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+
+    Returns
+    -------
+    tuple of str
+        Names, of gaps and slack strands.
+    """
     return tuple(e.name for e in model.effect_list() if e.slot == "belt_law")

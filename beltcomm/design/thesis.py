@@ -111,7 +111,20 @@ def thesis_design(
 
 
 def thesis_prefilter(plant: DesignPlant, kind: PrefilterKind) -> Prefilter:
-    """Prefilter with the thesis's attenuation at the antiresonance: −6 dB (notch), −3 dB (Butterworth)."""
+    """Prefilter with the thesis's attenuation at the antiresonance: −6 dB (notch), −3 dB (Butterworth).
+
+    Parameters
+    ----------
+    plant : DesignPlant
+        With resonance and antiresonance.
+    kind : PrefilterKind
+        "none", "butterworth" or "notch".
+
+    Returns
+    -------
+    Prefilter
+        The notch stands on the resonance.
+    """
     if kind == "notch":
         width = notch_width(plant.resonance_rad_s, plant.antiresonance_rad_s, -6.0)
         return Prefilter("notch", plant.resonance_rad_s, width)
@@ -124,6 +137,18 @@ def thesis_margins(plant: DesignPlant, cascade: Cascade) -> ThesisMargins:
     """Margins of given gains on (2.42) with dead time and (6.1): the check of tables A.6 and A.7.
 
     The first crossover counts.
+
+    Parameters
+    ----------
+    plant : DesignPlant
+        With its dead time.
+    cascade : Cascade
+        Gains, prefilter and T_R.
+
+    Returns
+    -------
+    ThesisMargins
+        deg, rad/s and dB.
 
     Raises
     ------
@@ -153,7 +178,26 @@ def velocity_loop(plant: DesignPlant, cascade: Cascade, omega_rad_s: Array) -> C
 
 
 def position_loop(plant: DesignPlant, cascade: Cascade, omega_rad_s: Array) -> ComplexArray:
-    """Open position loop K_PP G_ω,cl of figure 4.7, s = jω, shapes as :func:`velocity_loop`.   Source: (4.10), (4.11)."""
+    """Open position loop K_PP G_ω,cl of figure 4.7, s = jω.
+
+    Parameters
+    ----------
+    plant : DesignPlant
+        With its dead time.
+    cascade : Cascade
+        Gains, prefilter and T_R.
+    omega_rad_s : ndarray
+        Above 0.
+
+    Returns
+    -------
+    ndarray of complex
+        In the shape of ``omega_rad_s``.
+
+    References
+    ----------
+    Thesis (4.10), (4.11).
+    """
     closed = _closed_velocity_loop(plant, cascade.prefilter, cascade.velocity_filter_s, cascade.kp_nm_s_rad, cascade.ki_nm_rad, omega_rad_s)
     return np.asarray(cascade.kpp_1_s * closed)
 
