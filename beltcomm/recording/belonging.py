@@ -66,7 +66,18 @@ class Belonging:
 
 
 def belonging(t_s: Array, torque: Array, position: Array) -> Belonging | None:
-    """Evidence that they belong together; None for a record that is too short to tell, or moves by a few steps of its encoder only."""
+    """Evidence that a torque and a motion belong together.
+
+    Parameters
+    ----------
+    t_s, torque, position : ndarray, (n,)
+        s, and any units.
+
+    Returns
+    -------
+    Belonging or None
+        None for a record that is too short to tell, or moves by a few steps of its encoder only.
+    """
     t_s, torque, position = t_s[:_MOST_ROWS], torque[:_MOST_ROWS], position[:_MOST_ROWS]
     if np.ptp(position) < _FEWEST_STEPS * finest(position):
         return None
@@ -89,10 +100,20 @@ def belonging(t_s: Array, torque: Array, position: Array) -> Belonging | None:
 
 
 def unexplained_by(t_s: Array, torque: Array, position: Array) -> tuple[float, float] | None:
-    """Share of the acceleration that past torques leave unexplained, and that torques to come do; None for a record that is too short.
+    """Shares of the acceleration that past torques, and torques to come, leave unexplained.
 
     A finite impulse response by least squares, where nothing feeds the motion back.  A load that swings goes on after its torque, so the
     past leaves less; beside a rigid body both leave alike.
+
+    Parameters
+    ----------
+    t_s, torque, position : ndarray, (n,)
+        s, and any units.
+
+    Returns
+    -------
+    tuple of float, or None
+        By the past and by what is to come, 0 to 1; None for a record that is too short.
     """
     period = usual_step(t_s)
     lags = min(max(round(_RINGS_S / period), _FEWEST_LAGS), _MOST_LAGS)
@@ -115,7 +136,18 @@ def unexplained_by(t_s: Array, torque: Array, position: Array) -> tuple[float, f
 
 
 def moves_before_torque(t_s: Array, torque: Array, position: Array) -> bool:
-    """True if torques to come explain the acceleration, and past ones do not: time runs backwards, where nothing feeds the motion back."""
+    """True if torques to come explain the acceleration, and past ones do not: time runs backwards, where nothing feeds the motion back.
+
+    Parameters
+    ----------
+    t_s, torque, position : ndarray, (n,)
+        s, and any units.
+
+    Returns
+    -------
+    bool
+        False for a record that is too short to tell.
+    """
     left = unexplained_by(t_s, torque, position)
     return left is not None and left[1] < 1.0 - _EXPLAINED and left[0] > _BEFORE * left[1]
 
@@ -188,5 +220,16 @@ def _explained(law: _Law, torque: Array) -> float:
 
 
 def roughness(signal: Array) -> float:
-    """rms of the steps over the standard deviation."""
+    """Roughness of a signal: rms of its steps over its standard deviation.
+
+    Parameters
+    ----------
+    signal : ndarray, (n,)
+        Any unit.
+
+    Returns
+    -------
+    float
+        √2 for white noise.
+    """
     return float(np.sqrt(np.mean(np.diff(signal) ** 2))) / max(float(signal.std()), 1e-300)

@@ -53,6 +53,16 @@ def gaps(t_s: Array) -> NDArray[np.intp]:
 
     The period is the 90th percentile of the steps, which on jittering time stamps exceeds the median; where more than a
     tenth of the samples were lost it is the median.
+
+    Parameters
+    ----------
+    t_s : ndarray, (n,), s
+        Time stamps, rising.
+
+    Returns
+    -------
+    ndarray of int
+        Rising.
     """
     steps = np.diff(t_s)
     period, upper = np.percentile(steps, [50.0, 90.0])
@@ -62,7 +72,18 @@ def gaps(t_s: Array) -> NDArray[np.intp]:
 
 
 def long_steps(t_s: Array) -> NDArray[np.intp]:
-    """Indices of the samples after which samples were lost, however the stamps jitter: steps that jitter alone does not make."""
+    """Indices of the samples after which samples were lost, however the stamps jitter: steps that jitter alone does not make.
+
+    Parameters
+    ----------
+    t_s : ndarray, (n,), s
+        Time stamps, rising.
+
+    Returns
+    -------
+    ndarray of int
+        Rising.
+    """
     steps = np.diff(t_s)
     period = float(np.median(steps))
     spread = 1.4826 * float(np.median(np.abs(steps - period)))
@@ -70,8 +91,20 @@ def long_steps(t_s: Array) -> NDArray[np.intp]:
 
 
 def usual_step(t_s: Array) -> float:
-    """Time step of the clock that took the samples, s: mean of those at which none was lost, for stamps that jitter or are rounded
-    coarsely have another median."""
+    """Time step of the clock that took the samples.
+
+    The mean of the steps at which no sample was lost: stamps that jitter or are rounded coarsely have another median.
+
+    Parameters
+    ----------
+    t_s : ndarray, (n,), s
+        Time stamps, rising.
+
+    Returns
+    -------
+    float
+        s.
+    """
     steps = np.diff(t_s)
     median = float(np.median(steps))
     kept = np.delete(steps, long_steps(t_s))
@@ -139,7 +172,18 @@ def _noise(torque: Array, setpoint: Array) -> float:
 
 
 def reference_unit_fault(signal: Array, reference: Array) -> str:
-    """Fault in the unit of a signal's reference, in words; "" when they agree or nothing can be told."""
+    """Fault in the unit of a signal's reference, in words; "" when they agree or nothing can be told.
+
+    Parameters
+    ----------
+    signal, reference : ndarray, (n,)
+        Measured and asked for.
+
+    Returns
+    -------
+    str
+        "" when they agree or nothing can be told.
+    """
     measured, asked = signal - signal.mean(), reference - reference.mean()
     power = float(measured @ measured), float(asked @ asked)
     if min(power) <= 0.0 or abs(measured @ asked) < 0.98 * math.sqrt(power[0] * power[1]):
@@ -154,6 +198,16 @@ def opposite_signs(t_s: Array, torque: Array, position: Array) -> bool:
     above the first antiresonance of a drive train torque and acceleration oppose each other by nature.  True when, under some
     triangle, a negative mass or a friction that drives explains most of what the rest leaves, and under none a positive one
     even half as much.
+
+    Parameters
+    ----------
+    t_s, torque, position : ndarray, (n,)
+        s, and any units.
+
+    Returns
+    -------
+    bool
+        False where nothing can be told.
     """
     t_s, torque, position = livelier(t_s, torque, position)
     works = slow_work_share(t_s, torque, position) > WORKS
@@ -169,6 +223,16 @@ def backwards(t_s: Array, torque: Array, position: Array) -> bool:
     """True if time runs backwards: the mass is positive and the friction drives, in what moves slowly, where no lag of a reading counts.
 
     Beside a weight that turns, which has the phase of an inertia against the motion, a wrong sign would look so.
+
+    Parameters
+    ----------
+    t_s, torque, position : ndarray, (n,)
+        s, and any units.
+
+    Returns
+    -------
+    bool
+        False where nothing can be told.
     """
     rigid = rigid_inertia(t_s, torque, position, weight=True)
     if rigid is None or rigid.inertia < CERTAIN * rigid.error or rigid.dissipated >= 0.0:
@@ -186,7 +250,18 @@ def livelier(t_s: Array, torque: Array, position: Array) -> tuple[Array, Array, 
 
 
 def slow_work_share(t_s: Array, torque: Array, position: Array) -> float:
-    """:func:`work_share` of what moves slowly; 0 for a record that is too short to tell."""
+    """:func:`work_share` of what moves slowly; 0 for a record that is too short to tell.
+
+    Parameters
+    ----------
+    t_s, torque, position : ndarray, (n,)
+        s, and any units.
+
+    Returns
+    -------
+    float
+        -1 to 1.
+    """
     t_s, torque, position = livelier(t_s, torque, position)
     even = np.arange(t_s[0], t_s[-1], usual_step(t_s))
     width = max(2, round(SLOW_S / float(even[1] - even[0]))) if len(even) > 1 else 0
@@ -200,6 +275,16 @@ def work_share(torque: Array, position: Array) -> float:
     """Work of the torque on the motion, over all that it does back and forth, -1 to 1, but for a constant torque's.
 
     Friction takes it up, so it is positive in whatever drives; a spring's or a mass's is given back.
+
+    Parameters
+    ----------
+    torque, position : ndarray, (n,)
+        Any units.
+
+    Returns
+    -------
+    float
+        0 for a motion that takes no work at all.
     """
     steps = np.diff(position)
     work = 0.5 * (torque[1:] + torque[:-1] - 2.0 * torque.mean()) * steps
@@ -327,6 +412,16 @@ def velocity_unit_fault(t_s: Array, position: Array, velocity: Array) -> str:
     """Fault in the units of position and velocity, in words; "" when they agree or nothing can be told.
 
     Compares travel with the integral of the velocity over 100 windows, so that a filtered velocity passes.
+
+    Parameters
+    ----------
+    t_s, position, velocity : ndarray, (n,)
+        s, and any units.
+
+    Returns
+    -------
+    str
+        The fault, or "".
     """
     cuts = np.unique(np.linspace(0, len(t_s) - 1, 101).astype(int))
     integral = np.concatenate(([0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(t_s))))

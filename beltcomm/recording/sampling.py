@@ -94,16 +94,37 @@ def uneven_rows(t_s: Array, position: Array) -> Uneven:
 
 
 def finest(position: Array) -> float:
-    """Smallest difference between two values of a position: the encoder's step where the record shows it."""
+    """Smallest difference between two values of a position: the encoder's step where the record shows it.
+
+    Parameters
+    ----------
+    position : ndarray, (n,)
+        Any unit.
+
+    Returns
+    -------
+    float
+        In the unit of the position; 0 for one that never changes.
+    """
     gaps = np.diff(np.unique(position))
     real = gaps[gaps > 1e-9 * max(1.0, float(np.abs(position).max()))]
     return float(np.percentile(real, 2)) if len(real) else 0.0
 
 
 def encoder_grid(position: Array) -> float | None:
-    """Step of which all values of a position are whole multiples, but for a constant, to some 1e-5; None where they are of none.
+    """Step of which all values of a position are whole multiples, but for a constant, to some 1e-5.
 
     From the smallest difference, by least squares over ranges that double: each says the step well enough to count the next.
+
+    Parameters
+    ----------
+    position : ndarray, (n,)
+        Any unit.
+
+    Returns
+    -------
+    float or None
+        In the unit of the position; None where they are multiples of none.
     """
     step = finest(position)
     values = np.unique(position)

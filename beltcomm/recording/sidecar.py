@@ -134,7 +134,17 @@ class Sidecar:
 
 
 def load_sidecar(path: Path) -> tuple[Sidecar, tuple[str, ...]]:
-    """The sidecar in a YAML file and sentences on keys that look misspelt.
+    """Read a sidecar.
+
+    Parameters
+    ----------
+    path : Path
+        YAML file.
+
+    Returns
+    -------
+    tuple of Sidecar and tuple of str
+        The sidecar, and sentences on keys that look misspelt.
 
     Raises
     ------
@@ -148,7 +158,18 @@ def load_sidecar(path: Path) -> tuple[Sidecar, tuple[str, ...]]:
 
 
 def sidecar_from_dict(data: Mapping[str, Any]) -> tuple[Sidecar, tuple[str, ...]]:
-    """As :func:`load_sidecar`, from a mapping."""
+    """Sidecar from a mapping; errors as of :func:`load_sidecar`.
+
+    Parameters
+    ----------
+    data : mapping
+        As read from YAML.
+
+    Returns
+    -------
+    tuple of Sidecar and tuple of str
+        The sidecar, and sentences on keys that look misspelt.
+    """
     names = [item.name for item in fields(Sidecar) if item.name != "extra"]
     read: dict[str, Any] = {}
     extra: dict[str, Any] = {}

@@ -79,6 +79,13 @@ def read_columns(path: Path, numeric: Collection[str], *, torn: bool = False) ->
 def write_columns(path: Path, columns: Mapping[str, Column]) -> None:
     """Write columns as CSV, whole or not at all; floats come back exactly.
 
+    Parameters
+    ----------
+    path : Path
+        Of the CSV file.
+    columns : mapping of str to Column
+        By name, equally long.
+
     Raises
     ------
     UsageError
