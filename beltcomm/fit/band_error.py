@@ -100,17 +100,48 @@ def shared_band(*seen: tuple[Data, Model]) -> float:
 
 
 def band_limited_errors(data: Data, fitted: Fitted, band_hz: float) -> list[Banded]:
-    """All stretches of the records, those held out last, as a model leaves them in the band."""
+    """All stretches of the records, those held out last, as a model leaves them in the band.
+
+    Parameters
+    ----------
+    data : Data
+        The records.
+    fitted : Fitted
+        The model that is judged.
+    band_hz : float, Hz
+        Edge of the band.
+
+    Returns
+    -------
+    list of Banded
+        One for each segment.
+    """
     pieces = (*data.fitted, *data.held_out)
     vector = fitted.model.vector()
     return [in_band(piece, fitted.model, vector, band_hz) for piece in with_observers(pieces, [fitted.model] * len(pieces))]
 
 
 def in_band(piece: Segment, model: Model, vector: Array, band_hz: float) -> Banded:
-    """One stretch.
+    """Residual torque of one segment in the band.
 
     What a carriage that was stretched or swung at the start adds to e is no error of the model, and how it was nobody knows: the part of e
     along the answer to a stretch at the start, and along its derivative, is taken off.
+
+    Parameters
+    ----------
+    piece : Segment
+        With its observer, where the model needs one.
+    model : Model
+        For effects and bodies.
+    vector : ndarray, (k,)
+        Values of its parameters.
+    band_hz : float, Hz
+        Edge of the band.
+
+    Returns
+    -------
+    Banded
+        N m at the motor shaft.
     """
     sample = piece.motion.sample_s
     reported, counts = low_passed(piece.torque, piece.keep, band_hz, sample)
@@ -153,6 +184,16 @@ def change(pairs: Sequence[tuple[Banded, Banded]]) -> tuple[float, float]:
 
     Chance is :data:`CHANCE` standard errors of a sum over blocks of 0.2 s, which takes neighbouring samples for what they are: one.
     Where both errors are smaller than the noise that is predicted of them, their difference is none of the models': 0.
+
+    Parameters
+    ----------
+    pairs : sequence of (Banded, Banded)
+        Before and after, of each segment.
+
+    Returns
+    -------
+    tuple of float
+        Change, negative where the error falls, and its chance.
     """
     blocks: list[Array] = [np.zeros(0)]
     above, louder = np.zeros(2), 0.0
@@ -172,6 +213,22 @@ def low_passed(signal: Array, keep: NDArray[np.bool_], band_hz: float, sample_s:
     """The signal by a Gaussian low-pass over the samples that count, and where :data:`WEIGHT` of its weights stand on such; (n,) each.
 
     Beside a standstill, where e says nothing, what is left of the weights no longer takes the differences out of the rounding.
+
+    Parameters
+    ----------
+    signal : ndarray, (n,)
+        Any unit.
+    keep : ndarray, (n,) of bool
+        Samples that count.
+    band_hz : float, Hz
+        Edge of the band, 3 dB.
+    sample_s : float, s
+        Sample period.
+
+    Returns
+    -------
+    tuple of ndarray, (n,)
+        The signal behind the low-pass, and where it counts.
     """
     weights = gaussian(band_hz, sample_s)
     total = correlate1d(np.where(keep, signal, 0.0), weights, mode="constant")
@@ -180,7 +237,20 @@ def low_passed(signal: Array, keep: NDArray[np.bool_], band_hz: float, sample_s:
 
 
 def gaussian(band_hz: float, sample_s: float) -> Array:
-    """Weights of the low-pass, their sum 1, (2 k + 1,)."""
+    """Weights of the low-pass, their sum 1, (2 k + 1,).
+
+    Parameters
+    ----------
+    band_hz : float, Hz
+        Edge of the band, 3 dB.
+    sample_s : float, s
+        Sample period.
+
+    Returns
+    -------
+    ndarray, (2 k + 1,)
+        Centred.
+    """
     deviation = math.sqrt(math.log(2.0)) / (math.tau * band_hz * sample_s)
     reach = math.ceil(REACH * deviation)
     weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / deviation) ** 2)
@@ -188,7 +258,20 @@ def gaussian(band_hz: float, sample_s: float) -> Array:
 
 
 def noise_spectrum(piece: Segment, model: Model) -> tuple[Array, Array]:
-    """Frequencies from 0 to half the sample rate, Hz, (k,), and the predicted power of e's noise there, N² m² a sample, (k,)."""
+    """Predicted spectrum of the noise in the residual torque.
+
+    Parameters
+    ----------
+    piece : Segment
+        With noise and rounding.
+    model : Model
+        By which they are passed on.
+
+    Returns
+    -------
+    tuple of ndarray, (k,)
+        Frequencies from 0 to half the sample rate, Hz, and the power there, N² m² a sample.
+    """
     found = noise_paths_of(piece, model)
     usual = int(np.bincount(found.level).argmax())
     path, variances, _ = noises(found.paths[usual], piece.step_rad, piece.noise_nm, piece.rounding, piece.colour)
@@ -200,7 +283,22 @@ def noise_spectrum(piece: Segment, model: Model) -> tuple[Array, Array]:
 
 
 def noise_in(piece: Segment, spectrum: tuple[Array, Array], band_hz: float) -> float:
-    """rms of the noise behind the low-pass, N m."""
+    """Noise behind the low-pass.
+
+    Parameters
+    ----------
+    piece : Segment
+        For its sample period.
+    spectrum : tuple of ndarray, (k,)
+        As :func:`noise_spectrum` gives it.
+    band_hz : float, Hz
+        Edge of the band.
+
+    Returns
+    -------
+    float
+        N m rms, motor shaft.
+    """
     freq, power = spectrum
     weights = gaussian(band_hz, piece.motion.sample_s)
     places = np.arange(len(weights)) - len(weights) // 2

@@ -134,14 +134,52 @@ def fit_of(
     enough: float = ENOUGH,
     goal: float = math.inf,
 ) -> Fitted:
-    """Fit of a problem made by :func:`problem_of`."""
+    """Fit of a problem made by :func:`problem_of`.
+
+    Parameters
+    ----------
+    problem : Problem
+        Model, segments and free parameters.
+    data : Data
+        The same records, for those held out.
+    iterations : int
+        At most.
+    offsets : ndarray (segments,) or None
+        Scaled start offsets to begin with.
+    fixed : sequence of str
+        Parameters that do not move, for a fit behind observers; another problem has its own.
+    enough : float
+        Fall of O in an iteration that is not worth another.
+    goal : float
+        O at which the search may end.
+
+    Returns
+    -------
+    Fitted
+        The minimum.
+    """
     if needs_observer(problem.model):  # then an observer knows itself how the carriage may stand at first
         return _fit_with_observers(problem, data, iterations, fixed, enough, goal)
     return _fit_result(problem, problem.minimise(problem.start(offsets), iterations, enough=enough, goal=goal), data)
 
 
 def resume_fit(data: Data, begun: Fitted, iterations: int) -> Fitted:
-    """A fit behind observers gone on with, on the same records."""
+    """A fit behind observers gone on with, on the same records.
+
+    Parameters
+    ----------
+    data : Data
+        As in the fit.
+    begun : Fitted
+        Whose iterations ended it.
+    iterations : int
+        At most, from here on.
+
+    Returns
+    -------
+    Fitted
+        ``begun`` itself where it has come to its end.
+    """
     if begun.onward is None:
         return begun
     best = begun.problem, Minimum(begun.x, begun.residual, begun.objective)
@@ -198,6 +236,20 @@ def escape_local_minimum(data: Data, fitted: Fitted, iterations: int) -> Fitted:
 
     Far from the truth nearly every block is bad, and a bad one costs its logarithm: each has valleys of its own, and the fit stays where
     some blocks are suited well, however long it goes on.  A machine with an end pulley ended so at 8 times the noise.
+
+    Parameters
+    ----------
+    data : Data
+        Records ready for comparison.
+    fitted : Fitted
+        The minimum so far.
+    iterations : int
+        At most, for each fit.
+
+    Returns
+    -------
+    Fitted
+        Another minimum, whether better or not.
     """
     ends = []
     for share in LIGHTER:
@@ -210,7 +262,22 @@ def escape_local_minimum(data: Data, fitted: Fitted, iterations: int) -> Fitted:
 
 
 def evaluate_at(data: Data, problem: Problem, x: Array) -> Fitted:
-    """A model as it is on the records at these unknowns, whatever minimum it may be near."""
+    """A model as it is on the records at these unknowns, whatever minimum it may be near.
+
+    Parameters
+    ----------
+    data : Data
+        The records of the problem.
+    problem : Problem
+        Model, segments and free parameters.
+    x : ndarray, (k,)
+        Scaled unknowns.
+
+    Returns
+    -------
+    Fitted
+        Without a search.
+    """
     residual = problem.residual(x)
     return _fit_result(problem, Minimum(x, residual, problem.objective(residual, x)), data)
 
@@ -228,7 +295,20 @@ def problem_of(data: Data, model: Model, fixed: Sequence[str] = (), block_s: flo
 
 
 def held_out_residual(piece: Segment, model: Model) -> Array:
-    """Whitened residual of a held-out segment; only where its carriage stuck at the start is fitted to it."""
+    """Whitened residual of a held-out segment; only where its carriage stuck at the start is fitted to it.
+
+    Parameters
+    ----------
+    piece : Segment
+        Of a record that is not fitted.
+    model : Model
+        With the values of the fit.
+
+    Returns
+    -------
+    ndarray, (m,)
+        In units of its noise.
+    """
     vector, piece = model.vector(), with_observer(piece, model)
     here = whitened_residual(piece, model, vector)
     if "cart" not in model.base_bodies or piece.observer is not None:
@@ -243,7 +323,20 @@ def held_out_residual(piece: Segment, model: Model) -> Array:
 
 
 def held_objective(data: Data, residuals: Sequence[Array]) -> float:
-    """O of the held-out records."""
+    """Robust objective O of the records held out.
+
+    Parameters
+    ----------
+    data : Data
+        The records.
+    residuals : sequence of ndarray, (m,)
+        Whitened, of each segment held out.
+
+    Returns
+    -------
+    float
+        -2 ln likelihood; 0 without any.
+    """
     if not residuals:
         return 0.0
     blocks = time_blocks(data.held_out, BLOCK_S)

@@ -33,6 +33,22 @@ def least_plain_error(data: Data, fitted: Fitted, iterations: int, fixed: Sequen
     Tried are one weight for each segment and, without a belt, least squares in the band.  A belt's stiffness may lie above the band.
     No other is taken that leaves more on records held out.  What a model leaves may have been taken for noise itself: without a belt it is
     far off, too, where it leaves more of the torque than noise may have in the band.
+
+    Parameters
+    ----------
+    data : Data
+        The records.
+    fitted : Fitted
+        The likeliest fit.
+    iterations : int
+        At most.
+    fixed : sequence of str
+        Parameters that do not move.
+
+    Returns
+    -------
+    Fitted
+        ``fitted`` itself where it is not far above the noise, or nothing leaves less.
     """
     if needs_observer(fitted.model):
         return fitted

@@ -27,9 +27,21 @@ class LoadName:
 
 
 def stated(sidecar: Sidecar, model: Model) -> tuple[LoadName, float]:
-    """Load of a record as its sidecar has it, and how much of its mass is stated there, kg or, without a carriage, kg m² at the motor.
+    """Load of a record as its sidecar has it, and how much of its mass is stated there.
 
     A load that turns is carried along its arc.
+
+    Parameters
+    ----------
+    sidecar : Sidecar
+        Of the record.
+    model : Model
+        For the side to which loads refer.
+
+    Returns
+    -------
+    tuple of LoadName and float
+        kg or, without a carriage, kg m² at the motor.
     """
     mass, inertia = sidecar.payload_kg, sidecar.payload_inertia_kg_m2
     if MASS in model.parameters:
@@ -43,6 +55,18 @@ def stated(sidecar: Sidecar, model: Model) -> tuple[LoadName, float]:
 
 def loads_of(recordings: Sequence[Recording], model: Model) -> list[LoadName]:
     """The loads that the fit tells apart, by their numbers.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Those held out and static maps do not count.
+    model : Model
+        For the side to which loads refer.
+
+    Returns
+    -------
+    list of LoadName
+        In the order of the records.
 
     Raises
     ------
@@ -60,6 +84,18 @@ def loads_of(recordings: Sequence[Recording], model: Model) -> list[LoadName]:
 
 def mounted_by(recordings: Sequence[Recording], model: Model) -> dict[str, Mounted | None]:
     """Load of each record that is another one than the model's, by its name.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Of a run.
+    model : Model
+        For the side to which loads refer.
+
+    Returns
+    -------
+    dict of str to Mounted or None
+        By record; None for the load of the model itself.
 
     Raises
     ------
@@ -88,7 +124,20 @@ def mounted_by(recordings: Sequence[Recording], model: Model) -> dict[str, Mount
 
 
 def with_loads(model: Model, recordings: Sequence[Recording]) -> Model:
-    """The model with the loads that these records name, and no other; each begins as the first one."""
+    """The model with the loads that these records name, and no other; each begins as the first one.
+
+    Parameters
+    ----------
+    model : Model
+        Of the axis.
+    recordings : sequence of Recording
+        Of a run.
+
+    Returns
+    -------
+    Model
+        With one mass for each load.
+    """
     at_motor, number = carrying(model) != MASS, len(loads_of(recordings, model)) - 1
     for k in range(1, COUNT + 1):
         name = other_load(k, at_motor=at_motor).name
@@ -105,7 +154,20 @@ def with_loads(model: Model, recordings: Sequence[Recording]) -> Model:
 
 
 def load_remarks(recordings: Sequence[Recording], model: Model) -> list[str]:
-    """Remarks on the mass of each load by a model with its intervals, and in which records, where these carry different ones."""
+    """Remarks on the mass of each load by a model with its intervals, and in which records, where these carry different ones.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Of a run.
+    model : Model
+        As fitted.
+
+    Returns
+    -------
+    list of str
+        One sentence, or none where all carry one load.
+    """
     mounted = mounted_by(recordings, model)
     if not any(mounted.values()):
         return []

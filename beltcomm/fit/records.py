@@ -98,7 +98,21 @@ class Data:
 
 
 def prepare(recordings: Sequence[Recording], axis: Axis, model: Model) -> Data:
-    """Stretches of all records for a model that is near enough to say how the motor moves between the samples.
+    """Segments of all records for a model that is near enough to say how the motor moves between the samples.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Of a run; static maps are left out.
+    axis : Axis
+        For the encoder's counts.
+    model : Model
+        A first estimate.
+
+    Returns
+    -------
+    Data
+        With a first estimate of torque noise and encoder step.
 
     Raises
     ------
@@ -188,12 +202,36 @@ def prepare_records(
 
 
 def is_coupled(model: Model) -> bool:
-    """True if a body beside the motor turns with it: a pulley behind a coupling."""
+    """True if a body beside the motor turns with it: a pulley behind a coupling.
+
+    Parameters
+    ----------
+    model : Model
+        With any number of bodies.
+
+    Returns
+    -------
+    bool
+        False for motor and carriage alone.
+    """
     return any(body.rotary for _, body in model.bodies() if body.name not in model.base_bodies)
 
 
 def for_coupling(data: Data, model: Model) -> Data:
-    """Records with steps of time that a pulley behind a coupling takes, the motion between the samples by a model; as they are if so."""
+    """Records with steps of time that a pulley behind a coupling takes, the motion between the samples by a model; as they are if so.
+
+    Parameters
+    ----------
+    data : Data
+        The records.
+    model : Model
+        By which the motion between the samples is made.
+
+    Returns
+    -------
+    Data
+        ``data`` itself where the steps are short enough already.
+    """
     pieces = (*data.fitted, *data.held_out)
     if all(piece.motion.sample_s / piece.motion.substeps <= 1.001 * COUPLED_STEP_S for piece in pieces):
         return data
@@ -203,35 +241,101 @@ def for_coupling(data: Data, model: Model) -> Data:
 
 
 def is_mostly_rounding(data: Data, model: Model) -> bool:
-    """True where rounding is most of the noise: at a steady speed it goes with the motion, and over several samples it is not white."""
+    """True where rounding is most of the noise: at a steady speed it goes with the motion, and over several samples it is not white.
+
+    Parameters
+    ----------
+    data : Data
+        The records.
+    model : Model
+        For the driven inertia.
+
+    Returns
+    -------
+    bool
+        By the shortest sample period among the records.
+    """
     sample_s = min(recording.sample_period_s for recording in data.recordings)
     return rounding_torque(model.driven_inertia(), data.step_rad, sample_s) > ROUNDED * data.noise_nm
 
 
 def rounding_torque(inertia: float, step_rad: float, sample_s: float) -> float:
-    """Torque of acceleration that white rounding feigns, J (q √6/√12)/T², N m rms at the motor; kg m², rad, s.
+    """Torque of acceleration that white rounding feigns, J (q √6/√12)/T².
 
     A second difference of rounding, variance q²/12 each, has the variance 6 q²/12.
+
+    Parameters
+    ----------
+    inertia : float, kg m²
+        Of the motor and what turns with it.
+    step_rad : float, rad
+        q, step of the encoder.
+    sample_s : float, s
+        T.
+
+    Returns
+    -------
+    float
+        N m rms, motor shaft.
     """
     return inertia * step_rad * math.sqrt(0.5) / sample_s**2
 
 
 def group_of(recording: Recording) -> int:
-    """Neighbouring values of the whitened residual that make one."""
+    """Neighbouring values of the whitened residual that make one.
+
+    Parameters
+    ----------
+    recording : Recording
+        With its experiment and sample period.
+
+    Returns
+    -------
+    int
+        Samples.
+    """
     if recording.sidecar.experiment == "frf":
         return EXCITED_GROUP
     return min(STEADY_GROUP, max(EXCITED_GROUP, int(0.5 / (BAND_HZ * recording.sample_period_s))))
 
 
 def band_limited(piece: Segment, band_hz: float) -> Segment:
-    """A segment with as many neighbours in each value as leave frequencies up to ``band_hz``, Hz, where rounding is most of its noise."""
+    """A segment with as many neighbours in each value as leave a band of frequencies, where rounding is most of its noise.
+
+    Parameters
+    ----------
+    piece : Segment
+        Of a record.
+    band_hz : float, Hz
+        Upper edge.
+
+    Returns
+    -------
+    Segment
+        ``piece`` itself where rounding is not most of it.
+    """
     if not piece.own_noise:
         return piece
     return replace(piece, group=max(piece.group, round(0.5 / (band_hz * piece.motion.sample_s))))
 
 
 def with_noise(data: Data, noise_nm: float, model: Model) -> Data:
-    """Segments of the records with another noise of the torque, as a model passes it on."""
+    """Segments of the records with another noise of the torque, as a model passes it on.
+
+    Parameters
+    ----------
+    data : Data
+        The records.
+    noise_nm : float
+        rms, N m at the motor shaft.
+    model : Model
+        By which it is passed on to the residual.
+
+    Returns
+    -------
+    Data
+        Motion and samples as they were.
+    """
     fitted, held_out = (
         tuple(with_whitener(replace(piece, noise_nm=piece.noise_factor * noise_nm), model) for piece in pieces)
         for pieces in (data.fitted, data.held_out)
@@ -240,7 +344,20 @@ def with_noise(data: Data, noise_nm: float, model: Model) -> Data:
 
 
 def with_whitener(piece: Segment, model: Model) -> Segment:
-    """A segment with the noise as a model passes it on."""
+    """A segment with the noise as a model passes it on.
+
+    Parameters
+    ----------
+    piece : Segment
+        With its noise.
+    model : Model
+        By which the noise is passed on to the residual.
+
+    Returns
+    -------
+    Segment
+        With a whitener of its own.
+    """
     worked_out = whitener_of(piece, model)
     kept = worked_out.deviations[piece.keep]
     torque = piece.colour.new * piece.noise_nm**2  # of the innovations of its mean with the triangular weight
@@ -284,6 +401,18 @@ def with_process_noise(data: Data, model: Model) -> Data:
     """The records with what no model tells of a carriage in its gap, the likeliest of :data:`AGITATIONS` (``untuned_observer``).
 
     Without it an observer knows too well where the carriage is, and takes the next stroke for an error of the model.
+
+    Parameters
+    ----------
+    data : Data
+        The records.
+    model : Model
+        With a gap.
+
+    Returns
+    -------
+    Data
+        All segments with one process noise.
     """
 
     @cache
@@ -300,7 +429,20 @@ def with_process_noise(data: Data, model: Model) -> Data:
 
 
 def negative_log_likelihood(pieces: Sequence[Segment], model: Model) -> float:
-    """-2 ln likelihood of the innovations of a model whose carriage is followed, strays left aside; inf where it flies off."""
+    """-2 ln likelihood of the innovations of a model whose carriage is followed, strays left aside; inf where it flies off.
+
+    Parameters
+    ----------
+    pieces : sequence of Segment
+        Each with its process noise.
+    model : Model
+        With a gap.
+
+    Returns
+    -------
+    float
+        But for a constant.
+    """
     total = 0.0
     for piece in with_observers(pieces, [model] * len(pieces)):
         assert piece.observer is not None
@@ -314,6 +456,18 @@ def rounding_shares(parts: Sequence[tuple[Segment, Array]], model: Model) -> tup
 
     An axis that moves slowly and steadily rounds in step with its motion: then the error is less, and no white noise.  What a model
     cannot explain raises the shares up to 1, never beyond: an effect is not taken for rounding.
+
+    Parameters
+    ----------
+    parts : sequence of (Segment, ndarray)
+        Segments of one record, each with its residual as it is, (n,), N m.
+    model : Model
+        By which rounding is passed on to the residual.
+
+    Returns
+    -------
+    tuple of float
+        White and slow, 0 to 1 in sum.
     """
     passed = [noise_paths_of(piece, model) for piece, _ in parts]
 
@@ -338,9 +492,29 @@ def rounding_shares(parts: Sequence[tuple[Segment, Array]], model: Model) -> tup
 
 
 def likeliest_noise(data: Data, model: Model, residuals: Sequence[Array], most_nm: float) -> float:
-    """Noise of the torque that the residuals of the fitted segments tell, N m rms, up to a largest one; residuals as they are, (n,) N m.
+    """Noise of the torque that the residuals of the fitted segments tell, up to a largest one.
 
-    Least of Σ ν²/S + ln S over the noise, the model as it is.   Source: method sheet, section 3, second equation.
+    Least of Σ ν²/S + ln S over the noise, the model as it is.
+
+    Parameters
+    ----------
+    data : Data
+        The records.
+    model : Model
+        By which the noise is passed on to the residual.
+    residuals : sequence of ndarray, (n,), N m
+        As they are, of each fitted segment.
+    most_nm : float
+        Upper bound, N m rms.
+
+    Returns
+    -------
+    float
+        N m rms, motor shaft.
+
+    References
+    ----------
+    Method sheet, section 3, second equation.
     """
     high = math.log(most_nm)
     return math.exp(
@@ -349,9 +523,25 @@ def likeliest_noise(data: Data, model: Model, residuals: Sequence[Array], most_n
 
 
 def likeliest_step(data: Data, model: Model, residuals: Sequence[Array], least_rad: float) -> float:
-    """Step whose rounding is as much as the noise of the angle that the residuals tell, rad: from a least one to somewhat more than so far.
+    """Step whose rounding is as much as the noise of the angle that the residuals tell.
 
     Where the torque is calm the motion may be rough by what the drive makes beside its setpoint.
+
+    Parameters
+    ----------
+    data : Data
+        The records.
+    model : Model
+        By which the noise is passed on to the residual.
+    residuals : sequence of ndarray, (n,), N m
+        As they are, of each fitted segment.
+    least_rad : float, rad
+        Lower bound; the upper one is somewhat above the step so far.
+
+    Returns
+    -------
+    float, rad
+        At the motor shaft.
     """
     bounds = (math.log(least_rad / data.step_rad), ROUGHER)
     more = _likeliest(data, model, residuals, bounds, lambda piece, x: (piece.step_rad * math.exp(x), piece.noise_nm))
@@ -381,7 +571,20 @@ def _likeliest(
 
 
 def encoder_step(axis: Axis, recordings: Sequence[Recording]) -> float:
-    """Step of the encoder, rad: from the axis file, else the smallest step that the angles show."""
+    """Step of the encoder: from the axis file, else the smallest step that the angles show.
+
+    Parameters
+    ----------
+    axis : Axis
+        With counts per turn where they are known.
+    recordings : sequence of Recording
+        One at least.
+
+    Returns
+    -------
+    float, rad
+        Not below what the records show.
+    """
     counts = axis.get("motor.encoder_counts_per_rev")
     shown = min(smallest_step(r.position) for r in recordings)
     if counts:
@@ -391,7 +594,20 @@ def encoder_step(axis: Axis, recordings: Sequence[Recording]) -> float:
 
 
 def repeat_noise(recordings: Sequence[Recording], step_rad: float) -> float:
-    """Torque that no model can explain, N m rms: torque at the same place in records of the same slow motion, 0 without any."""
+    """Torque that no model can explain: how it differs at the same place in records of the same slow motion.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Of a run.
+    step_rad : float, rad
+        Step of the encoder.
+
+    Returns
+    -------
+    float
+        N m rms, motor shaft; 0 without two such records.
+    """
     found = []
     creeps = [(r, creeping_samples(r.position, r.sample_period_s, step_rad)[0]) for r in recordings]
     for (one, first), (two, second) in itertools.combinations(creeps, 2):
@@ -409,6 +625,17 @@ def repeat_noise(recordings: Sequence[Recording], step_rad: float) -> float:
 
 
 def by_place(position: Array, torque: Array) -> tuple[Array, Array]:
-    """Both in the order of the position."""
+    """A torque in the order of its positions.
+
+    Parameters
+    ----------
+    position, torque : ndarray, (n,)
+        Any units.
+
+    Returns
+    -------
+    tuple of ndarray, (n,)
+        Both, sorted.
+    """
     order = np.argsort(position)
     return position[order], torque[order]

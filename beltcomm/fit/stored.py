@@ -40,7 +40,18 @@ def key_of(records: Mapping[str, str], axis: Axis) -> str:
 
 
 def key_of_model(start: Model | None) -> str:
-    """Equal only for the same model; None where it follows from records and axis."""
+    """Equal only for the same model; None where it follows from records and axis.
+
+    Parameters
+    ----------
+    start : Model or None
+        With which a fit begins.
+
+    Returns
+    -------
+    str
+        A hash.
+    """
     return _hash(start.to_dict() if start is not None else None)
 
 
@@ -49,7 +60,20 @@ def _hash(value: Any) -> str:
 
 
 def store_fit(data: Data, fitted: Fitted) -> dict[str, Any] | None:
-    """Mapping for :func:`restore_fit`; None for a model with an observer, whose gains go with the way of the search."""
+    """Mapping for :func:`restore_fit`; None for a model with an observer, whose gains go with the way of the search.
+
+    Parameters
+    ----------
+    data : Data
+        The records, with path and noise.
+    fitted : Fitted
+        The fit to them.
+
+    Returns
+    -------
+    dict or None
+        For JSON.
+    """
     if needs_observer(fitted.model):
         return None
     return {

@@ -79,7 +79,21 @@ class SeldomFit(ModelFit):
 
 
 def fit_seldom(recordings: Sequence[Recording], start: Model, *, counts_per_rev: int) -> SeldomFit | None:
-    """The model by the open-loop records of the place where most was measured first; None where there is none whose rows come seldom.
+    """The model by the open-loop records of the place where most was measured first.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Of a run.
+    start : Model
+        By the data sheets.
+    counts_per_rev : int
+        Of the encoder.
+
+    Returns
+    -------
+    SeldomFit or None
+        None where no record's rows come seldom.
 
     Raises
     ------
