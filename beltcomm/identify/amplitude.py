@@ -105,7 +105,18 @@ class Prediction:
         return SPEED_RESERVE * self.motor_m_s + ENCODER_SLACK_M_S
 
     def use_of(self, limits: MotionLimits) -> dict[str, float]:
-        """Share of each limit that is used."""
+        """Share of each limit that is used.
+
+        Parameters
+        ----------
+        limits : MotionLimits
+            Of the axis.
+
+        Returns
+        -------
+        dict of str to float
+            1 at the limit; 0 where there is none.
+        """
         return {
             "travel": self.travel_m / limits.travel_m,
             "speed": self.speed_m_s / limits.speed_m_s,
@@ -142,9 +153,19 @@ def no_loss(_model: Model) -> tuple[HostLoss, ...]:
 
 
 def unknown_masses_kg(axis: Axis) -> tuple[float, ...]:
-    """Carriages to count with until it is weighed, kg; none below ``LIGHTER_SHARE`` of what is stated.
+    """Carriages to count with until it is weighed; none below ``LIGHTER_SHARE`` of what is stated.
 
     One that is lighter still is faster than predicted, and the watch of the record stops it.
+
+    Parameters
+    ----------
+    axis : Axis
+        With the range of its load.
+
+    Returns
+    -------
+    tuple of float
+        kg, rising.
     """
     lightest = LIGHTER_SHARE * (axis.payload.mass_kg or 0.0)
     return tuple(sorted({max(mass, lightest) for mass in unknown_loads_kg(axis)}))
@@ -173,6 +194,16 @@ def family_around(model: Model) -> list[Model]:
     """Family around an estimate: mass and stiffness apart by ``FIRST_ESTIMATE_SPREAD``, friction and belt damping lowered by it.
 
     Dampings that nobody measured yet count with ``UNMEASURED_DAMPING`` of them.
+
+    Parameters
+    ----------
+    model : Model
+        An estimate.
+
+    Returns
+    -------
+    list of Model
+        The estimate itself first.
     """
     known, apart = model.parameters, FIRST_ESTIMATE_SPREAD
     levels = [n for n in known if n.endswith((".damping", ".level")) and not n.startswith("coupling")]
@@ -328,7 +359,18 @@ def _scale_values(model: Model, names: Sequence[str], factor: float) -> dict[str
 
 
 def half_friction(model: Model) -> Model:
-    """The model with half of its friction: with less of it a carriage goes further."""
+    """The model with half of its friction: with less of it a carriage goes further.
+
+    Parameters
+    ----------
+    model : Model
+        With friction.
+
+    Returns
+    -------
+    Model
+        A new model.
+    """
     return model.with_values(_scale_values(model, _friction_names(model), 0.5))
 
 

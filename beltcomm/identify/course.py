@@ -44,15 +44,40 @@ class LinearTrend:
         return abs(self.slope) > self.sure_interval
 
     def at(self, t_s: Array) -> tuple[Array, Array]:
-        """The line, and half the width of its 95 % band, at times t_s (n,)."""
+        """The line and its 95 % band at times.
+
+        Parameters
+        ----------
+        t_s : ndarray, (n,), s
+            On the clock of the course.
+
+        Returns
+        -------
+        tuple of ndarray, (n,)
+            The line, and half the width of the band.
+        """
         u = t_s - self.middle_s
         return self.level + self.slope * u, np.hypot(self.level_interval, self.slope_interval * u)
 
     def reaches(self, limit: float) -> tuple[float, float, float] | None:
-        """Time at which the line, and the edges of its band, cross a limit: (earliest, by the line, latest), s; None without a drift.
+        """Time at which the line, and the edges of its band, cross a limit.
 
         (level + slope u - limit)² = level_interval² + slope_interval² u²   with u = t - middle: both roots are finite while the slope
-        differs from none.     Source: Fieller, J. R. Stat. Soc. B 16 (1954) 175.
+        differs from none.
+
+        Parameters
+        ----------
+        limit : float
+            In the unit of the level.
+
+        Returns
+        -------
+        tuple of float, or None
+            Earliest, by the line, latest, s; None without a drift.
+
+        References
+        ----------
+        Fieller, J. R. Stat. Soc. B 16 (1954) 175.
         """
         if not self.drifts:
             return None

@@ -62,7 +62,23 @@ def final_model(
 ) -> FinalModel:
     """Fit all recordings with a constant belt stiffness, and by position where the places disagree; keep the better.
 
-    ``start`` replaces the start values found from the excited records.
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Of a run; those held out only judge.
+    axis : Axis
+        Data sheets.
+    counts_per_rev : int
+        Of the encoder.
+    start : Model or None
+        In place of the start values found from the excited records.
+    progress : callable
+        Told the share that is done, 0 to 1.
+
+    Returns
+    -------
+    FinalModel
+        The better fit, and the other one.
 
     Raises
     ------
@@ -146,6 +162,22 @@ def or_with_sheet_inertia(fit: ModelFit, axis: Axis, recordings: Sequence[Record
 
     In a gap the motor swings alone: excited records show masses that are not there, as many as one likes, and a stiffness to each.  Strokes
     and moves carry the whole load, so that with the motor's inertia as it is stated the load is what slow motion says.
+
+    Parameters
+    ----------
+    fit : ModelFit
+        Of the records.
+    axis : Axis
+        Data sheets.
+    recordings : sequence of Recording
+        Of the fit.
+    counts_per_rev : int
+        Of the encoder.
+
+    Returns
+    -------
+    ModelFit
+        ``fit`` itself where it is near the noise, or the other one explains less.
     """
     sheet, name = data_sheet(axis, recordings), "motor.inertia"
     if sheet is None or fit.misfit < FAR_OFF**2 or abs(math.log(fit.model[name] / sheet[name])) < math.log(STRAYED):
@@ -163,7 +195,17 @@ def or_with_sheet_inertia(fit: ModelFit, axis: Axis, recordings: Sequence[Record
 
 
 def refuse_jumps(recordings: Sequence[Recording], fit: ModelFit, counts_per_rev: int) -> None:
-    """Raise DamagedRecord when a record that the fit does not explain is explained without a jump of its angle."""
+    """Raise DamagedRecord when a record that the fit does not explain is explained without a jump of its angle.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Of the fit.
+    fit : ModelFit
+        With the misfit of each record.
+    counts_per_rev : int
+        Of the encoder.
+    """
     step = 2.0 * np.pi / counts_per_rev
     for recording in recordings:
         if fit.record_misfit.get(recording.name, 0.0) > SUSPECT_MISFIT:
@@ -175,6 +217,16 @@ def evidence(richer: ModelFit, plainer: ModelFit) -> float:
 
     The two keep slightly different samples, so the objective is compared per sample; where one keeps ``OTHER_SAMPLES`` times as many, which
     are samples of another kind (a carriage that hardly slides), the mean squares are.
+
+    Parameters
+    ----------
+    richer, plainer : ModelFit
+        Of the same records, with more and with fewer parameters.
+
+    Returns
+    -------
+    float
+        Above 0 for the richer one.
     """
     samples = 0.5 * (richer.samples + plainer.samples)
     fall = samples * (plainer.objective / plainer.samples - richer.objective / richer.samples)
@@ -193,7 +245,18 @@ class PlaceStiffness:
 
 
 def clear_spread(places: Mapping[str, PlaceStiffness]) -> float:
-    """Largest relative difference between two places that is beyond chance (``CLEAR`` deviations); 0 without any."""
+    """Largest relative difference between two places that is beyond chance (``CLEAR`` deviations); 0 without any.
+
+    Parameters
+    ----------
+    places : mapping of str to PlaceStiffness
+        By record.
+
+    Returns
+    -------
+    float
+        Of the smaller stiffness.
+    """
     pairs = itertools.combinations(places.values(), 2)
     differences = [(abs(np.log(a.stiffness_n_m / b.stiffness_n_m)), float(np.hypot(a.deviation, b.deviation))) for a, b in pairs]
     return max((float(np.expm1(d)) for d, deviation in differences if d > CLEAR * deviation), default=0.0)
@@ -205,6 +268,24 @@ def stiffness_by_record(
     """Belt stiffness that each excited record wants for itself, all else as in ``model``; not of held-out records, nor of moving ones.
 
     Where the carriage stuck before is neglected: below 0.1 % of the stiffness (tests/identify/test_final.py).
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Of a run.
+    model : Model
+        With one belt stiffness.
+    counts_per_rev : int
+        Of the encoder.
+    noise_nm : float
+        Of the torque, N m rms.
+    path : TorquePath
+        To the torque that acts.
+
+    Returns
+    -------
+    dict of str to PlaceStiffness
+        N/m, with the deviation of its logarithm.
     """
     found = {}
     place = model.index("belt_stiffness.stiffness")
@@ -233,7 +314,20 @@ def stiffness_by_record(
 
 
 def as_constant(model: Model, position_m: float) -> Model:
-    """A model with the belt law by position, as one with the constant stiffness that the law has at a place."""
+    """A model with the belt law by position, as one with the constant stiffness that the law has at a place.
+
+    Parameters
+    ----------
+    model : Model
+        With any belt law.
+    position_m : float, m
+        Carriage on the axis.
+
+    Returns
+    -------
+    Model
+        ``model`` itself without a law by position.
+    """
     if "belt_spans" not in model.effects:
         return model
     names = ("specific_stiffness", "pulley_distance", "offset")
@@ -247,6 +341,22 @@ def by_position(model: Model, axis: Axis, recordings: Sequence[Recording], place
     """The model with the belt law (2.26) instead of a constant stiffness, started from the stiffness of each place.
 
     The distance of the pulleys stays as in the axis file: beside stiffness and offset nothing is left to tell it by.
+
+    Parameters
+    ----------
+    model : Model
+        With one belt stiffness.
+    axis : Axis
+        With the distance of the pulleys.
+    recordings : sequence of Recording
+        For the places of their records.
+    places : mapping of str to PlaceStiffness
+        By record.
+
+    Returns
+    -------
+    Model
+        Start values of a fit.
 
     Raises
     ------

@@ -68,7 +68,18 @@ class Pair:
         return abs(math.log(self.resonance_hz / self.antiresonance_hz))
 
     def response(self, freq_hz: Array) -> NDArray[np.complex128]:
-        """(f_z² - f² + 2j ζ_z f_z f)/(f_r² - f² + 2j ζ_r f_r f), the pair's factor of the motor's response, (m,)."""
+        """The pair's factor of the motor's response: (f_z² - f² + 2j ζ_z f_z f)/(f_r² - f² + 2j ζ_r f_r f).
+
+        Parameters
+        ----------
+        freq_hz : ndarray, (m,)
+            Hz.
+
+        Returns
+        -------
+        ndarray, (m,) complex
+            Without unit.
+        """
         (z, r), (d_z, d_r) = (self.antiresonance_hz, self.resonance_hz), self.damping
         return np.asarray((z**2 - freq_hz**2 + 2j * d_z * z * freq_hz) / (r**2 - freq_hz**2 + 2j * d_r * r * freq_hz))
 

@@ -43,7 +43,18 @@ class GainFactors:
     kpp_interval: float
 
     def of(self, cascade: Cascade) -> Cascade:
-        """A controller as it really is in the drive."""
+        """A controller as it really is in the drive.
+
+        Parameters
+        ----------
+        cascade : Cascade
+            As it was set.
+
+        Returns
+        -------
+        Cascade
+            With the gains that act.
+        """
         return replace(
             cascade,
             kp_nm_s_rad=self.kp * cascade.kp_nm_s_rad,

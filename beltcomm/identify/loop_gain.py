@@ -90,7 +90,17 @@ class Steps:
 
 
 def velocity_law(steps: Steps) -> VelocityLaw:
-    """The law of a velocity loop.
+    """Law of a velocity loop, from steps of its setpoint.
+
+    Parameters
+    ----------
+    steps : Steps
+        At the motor shaft.
+
+    Returns
+    -------
+    VelocityLaw
+        Gain and integral time with their intervals.
 
     Raises
     ------
@@ -121,7 +131,19 @@ def velocity_law(steps: Steps) -> VelocityLaw:
 
 
 def position_gain(steps: Steps, law: VelocityLaw) -> Gain:
-    """K_PP, 1/s, of the position loop above a velocity loop whose law is known.
+    """K_PP of the position loop above a velocity loop whose law is known.
+
+    Parameters
+    ----------
+    steps : Steps
+        Of the position setpoint.
+    law : VelocityLaw
+        Of the loop below.
+
+    Returns
+    -------
+    Gain
+        1/s, with its interval.
 
     Raises
     ------

@@ -56,12 +56,35 @@ class KnownController:
         return {"loop": self.loop, "loop_period_s": self.period_s, "delay_s": self.delay_s, **cascade_to_parameters(self.cascade)}
 
     def feedback(self, freq_hz: Array) -> ComplexArray:
-        """C of (3.21), N m/rad, (k,), with the dead time that the loop has."""
+        """C of (3.21), see :func:`beltcomm.response.closed_loop.feedback`.
+
+        Parameters
+        ----------
+        freq_hz : ndarray, (k,)
+            Above 0.
+
+        Returns
+        -------
+        ndarray, (k,) complex
+            N m/rad, motor shaft.
+        """
         return feedback(self.cascade, freq_hz, self.period_s, self.loop)
 
 
 def controller_of(entry: Mapping[str, Any], record: str) -> KnownController:
     """The controller of a record.
+
+    Parameters
+    ----------
+    entry : mapping
+        ``controller`` of the sidecar.
+    record : str
+        Its name.
+
+    Returns
+    -------
+    KnownController
+        With the loop that was closed.
 
     Raises
     ------
@@ -101,7 +124,18 @@ class Biased:
 
 
 def ways_of(recording: Recording) -> tuple[Way, ...]:
-    """The ways by which a record can be read, the best known first; open-loop records by one."""
+    """The ways by which a record can be read, the best known first; open-loop records by one.
+
+    Parameters
+    ----------
+    recording : Recording
+        In open or closed loop.
+
+    Returns
+    -------
+    tuple of Way
+        One at least.
+    """
     if not recording.sidecar.closed_loop:
         return ("open",)
     if recording.torque_offset is not None:
@@ -113,7 +147,19 @@ def ways_of(recording: Recording) -> tuple[Way, ...]:
 
 
 def plant_response(recording: Recording, way: Way) -> FrequencyResponse:
-    """Acting torque to motor angle, rad/(N m), by one way; whole periods in the steady parts only.
+    """Response of the motor angle to the acting torque, by one way; whole periods in the steady parts only.
+
+    Parameters
+    ----------
+    recording : Recording
+        With periodic excitation.
+    way : Way
+        One of :func:`ways_of`.
+
+    Returns
+    -------
+    FrequencyResponse
+        rad/(N m), motor shaft.
 
     Raises
     ------
@@ -139,6 +185,18 @@ def plant_response(recording: Recording, way: Way) -> FrequencyResponse:
 
 def response_to_signal(recording: Recording, signal: Array) -> FrequencyResponse:
     """Response of the motor angle to one of a record's signals.
+
+    Parameters
+    ----------
+    recording : Recording
+        With periodic excitation.
+    signal : ndarray, (n,)
+        Torque, or a setpoint of the record.
+
+    Returns
+    -------
+    FrequencyResponse
+        rad per unit of the signal.
 
     Raises
     ------
@@ -169,7 +227,20 @@ def _slower(known: KnownController, recording: Recording) -> tuple[str, ...]:
 
 
 def bias_of(response: FrequencyResponse, known: KnownController) -> Biased:
-    """Ĝ/G = 1/(1 + δ G C e^(-sT_t)) for a controller gain that is believed too small by the share δ: exact, from (3.22)."""
+    """Ĝ/G = 1/(1 + δ G C e^(-sT_t)) for a controller gain that is believed too small by the share δ: exact, from (3.22).
+
+    Parameters
+    ----------
+    response : FrequencyResponse
+        Of the plant, rad/(N m).
+    known : KnownController
+        The controller that is believed.
+
+    Returns
+    -------
+    Biased
+        dB and Hz.
+    """
     late = np.exp(-2j * np.pi * response.freq_hz * known.delay_s)
     product = response.h * late * known.feedback(response.freq_hz)
     shift = -20.0 * np.log10(np.abs(1.0 + DOUBT * product))
@@ -185,10 +256,22 @@ def bias_of(response: FrequencyResponse, known: KnownController) -> Biased:
 
 
 def rigid_damping(response: FrequencyResponse, antiresonance_hz: float) -> tuple[float, float]:
-    """Damping that the axis shows below its antiresonance, N m s/rad at the motor, and its 95 % half width.
+    """Damping that the axis shows below its antiresonance.
 
     Re{e^(-jωT/2)/(jω Ĝ)} = d,  Ĝ the response to a held torque, which lags by half a sample; weighted mean over the lines below
     ``RIGID_SHARE`` of the antiresonance, the width by their own scatter where that is more than the noise.
+
+    Parameters
+    ----------
+    response : FrequencyResponse
+        Of the plant, rad/(N m).
+    antiresonance_hz : float, Hz
+        Of the belt.
+
+    Returns
+    -------
+    tuple of float
+        N m s/rad at the motor shaft, and its 95 % half width.
 
     Raises
     ------
@@ -211,7 +294,20 @@ def rigid_damping(response: FrequencyResponse, antiresonance_hz: float) -> tuple
 
 
 def difference_db(one: FrequencyResponse, other: FrequencyResponse, low_hz: float, high_hz: float) -> tuple[float, float]:
-    """Mean of 20 lg |Ĝ_1/Ĝ_2| over the common lines within a band, and its 95 % half width by the noise of both, dB; nan without any."""
+    """Mean of 20 lg |Ĝ_1/Ĝ_2| over the common lines within a band.
+
+    Parameters
+    ----------
+    one, other : FrequencyResponse
+        In one unit.
+    low_hz, high_hz : float, Hz
+        The band; its upper edge does not count.
+
+    Returns
+    -------
+    tuple of float
+        dB, and its 95 % half width by the noise of both; nan without common lines.
+    """
     _, here, there = np.intersect1d(one.freq_hz, other.freq_hz, return_indices=True)
     freq = one.freq_hz[here]
     band = (freq >= low_hz) & (freq < high_hz)

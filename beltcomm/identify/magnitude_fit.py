@@ -294,7 +294,27 @@ def _decibel(h: NDArray[np.complex128]) -> Array:
 
 
 def chosen_lines(response: FrequencyResponse, n_lines: int, highest_share: float) -> FrequencyResponse:
-    """Lines up to a share of the sampling frequency that are not noise, thinned to a nearly log-spaced subset."""
+    """Lines up to a share of the sampling frequency that are not noise, thinned to a nearly log-spaced subset.
+
+    Parameters
+    ----------
+    response : FrequencyResponse
+        With its noise.
+    n_lines : int
+        At most.
+    highest_share : float
+        Of the sampling frequency, up to which lines count.
+
+    Returns
+    -------
+    FrequencyResponse
+        Those lines alone.
+
+    Raises
+    ------
+    DataError
+        When too few are left.
+    """
     highest_hz = highest_share / response.sample_period_s
     clear = np.flatnonzero((np.abs(response.h) > 0) & (response.noise <= LARGEST_NOISE * np.abs(response.h)))
     clear = clear[response.freq_hz[clear] <= highest_hz]

@@ -42,9 +42,25 @@ class SmoothResponse:
 
 
 def smooth_response(model: Model, recording: Recording, place_m: float, low_hz: float, high_hz: float) -> SmoothResponse | None:
-    """The curve at the place and the speeds of a record; None where the model has no such thing.
+    """The model's curve at the place and the speeds of a record.
 
     The parameters are drawn from their intervals, as if these were independent, which makes the band too wide rather than too narrow.
+
+    Parameters
+    ----------
+    model : Model
+        With intervals.
+    recording : Recording
+        For its speeds and sample period.
+    place_m : float, m
+        Carriage on the axis.
+    low_hz, high_hz : float, Hz
+        Ends of the curve; below half the sampling rate.
+
+    Returns
+    -------
+    SmoothResponse or None
+        None where the model has no such thing.
     """
     speed = float(np.std(np.diff(recording.position)) / recording.sample_period_s)
     freq = np.geomspace(low_hz, min(high_hz, 0.49 / recording.sample_period_s), POINTS)

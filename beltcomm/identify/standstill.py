@@ -122,6 +122,18 @@ def motion_of(recording: Recording, model: Model) -> tuple[Array, Array]:
 
     The carriage follows the measured motor angle through the model's belt.
 
+    Parameters
+    ----------
+    recording : Recording
+        Around a standstill.
+    model : Model
+        With a belt.
+
+    Returns
+    -------
+    tuple of ndarray
+        rad/s at the motor shaft, of motor and carriage.
+
     Raises
     ------
     DataError
@@ -185,13 +197,35 @@ def standstill_of(recording: Recording, fit: MagnitudeFit, model: Model, sweep: 
 
 
 def parts(fit: MagnitudeFit) -> tuple[float, float]:
-    """i_t² d_m and i_t² d_c of a log-magnitude fit, N m s/rad at the motor."""
+    """i_t² d_m and i_t² d_c of a log-magnitude fit, N m s/rad at the motor.
+
+    Parameters
+    ----------
+    fit : MagnitudeFit
+        Of two masses.
+
+    Returns
+    -------
+    tuple of float
+        Of motor and carriage.
+    """
     two = fit.two_mass
     return two.transmission_m_rad**2 * two.motor_damping_n_s_m, two.transmission_m_rad**2 * two.cart_damping_n_s_m
 
 
 def apparent(fit: MagnitudeFit) -> Value:
-    """i_t² (d_m + d_c) with its interval, from both intervals and their correlation; infinite where one is not determined."""
+    """i_t² (d_m + d_c) with its interval, from both intervals and their correlation; infinite where one is not determined.
+
+    Parameters
+    ----------
+    fit : MagnitudeFit
+        Of two masses.
+
+    Returns
+    -------
+    Value
+        N m s/rad at the motor shaft.
+    """
     names = ("motor_damping_n_s_m", "cart_damping_n_s_m")
     half = np.array([fit.parameters[name].interval or 0.0 for name in names])
     both = [fit.names.index(name) for name in names if name in fit.names]
@@ -220,7 +254,24 @@ def _apparent_damping(model: Model, recording: Recording, fit: MagnitudeFit) -> 
 def largest(
     recordings: Sequence[Recording], fits: Mapping[str, MagnitudeFit], model: Model, sweep: FrictionFit | None
 ) -> Standstill | None:
-    """Of the records with the largest apparent damping first, the first one around standstill; None without any, or without a sweep."""
+    """Of the records with the largest apparent damping first, the first one around standstill.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Of a run.
+    fits : mapping of str to MagnitudeFit
+        By record.
+    model : Model
+        With a belt.
+    sweep : FrictionFit or None
+        Friction of the moving axis.
+
+    Returns
+    -------
+    Standstill or None
+        None without any, or without a sweep.
+    """
     if sweep is None:
         return None
     by_name = {r.name: r for r in recordings}

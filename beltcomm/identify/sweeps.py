@@ -208,7 +208,20 @@ def sweeps_of(recordings: Sequence[Recording], slowest_rad_s: float = 0.0, inert
 
 
 def plateaus_of(recording: Recording, inertia_kg_m2: float) -> tuple[Plateau, ...]:
-    """The passes of a record with reference velocity, see :func:`find_plateaus`, without the run-in that its sidecar names."""
+    """Passes of a record with reference velocity, see :func:`find_plateaus`, without the run-in that its sidecar names.
+
+    Parameters
+    ----------
+    recording : Recording
+        With a reference velocity.
+    inertia_kg_m2 : float, kg m²
+        See :func:`find_plateaus`.
+
+    Returns
+    -------
+    tuple of Plateau
+        In the order of the record.
+    """
     assert recording.reference_velocity is not None
     noted = recording.sidecar.extra.get(RUN_IN_KEY)
     run_in_s = max(float(noted), RUN_IN_S) if isinstance(noted, (int, float)) else RUN_IN_S
@@ -243,7 +256,18 @@ def _sweep(records: Sequence[Recording], slowest_rad_s: float, inertia_kg_m2: fl
 
 
 def measurements(sweeps: Sequence[Sweep]) -> Mapping[int, tuple[Sweep, ...]]:
-    """Sweeps of one clock each, by the number of their measurement; those without a note have no common one and are left out."""
+    """Sweeps of one clock each; those without a note have no common one and are left out.
+
+    Parameters
+    ----------
+    sweeps : sequence of Sweep
+        Of any measurement.
+
+    Returns
+    -------
+    dict of int to tuple of Sweep
+        By the number of the measurement.
+    """
     numbers = sorted({s.note.measurement for s in sweeps if s.note.measurement and s.from_s is not None})
     return {number: tuple(s for s in sweeps if s.note.measurement == number) for number in numbers}
 
@@ -368,5 +392,16 @@ def load_dependence(groups: Mapping[str, tuple[float, Sequence[FrictionFit]]]) -
 
 
 def clear(value: Value) -> bool:
-    """True if a value is above its scatter: its 95 % interval leaves out zero."""
+    """True if a value is above its scatter: its 95 % interval leaves out zero.
+
+    Parameters
+    ----------
+    value : Value
+        With or without an interval.
+
+    Returns
+    -------
+    bool
+        False without an interval.
+    """
     return value.interval is not None and abs(value.value) > value.interval

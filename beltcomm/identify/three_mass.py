@@ -146,6 +146,22 @@ def with_spans(two: FinalModel, axis: Axis, recordings: Sequence[Recording], cou
     """The two-mass model on the same spans with a massless end pulley, where that is the better one.
 
     A belt that gets softer along the few millimetres of an excitation must not be taken for a third mass.
+
+    Parameters
+    ----------
+    two : FinalModel
+        Of two masses.
+    axis : Axis
+        With the distance of the pulleys.
+    recordings : sequence of Recording
+        Of the fit.
+    counts_per_rev : int
+        Of the encoder.
+
+    Returns
+    -------
+    FinalModel
+        ``two`` itself where one stiffness is as good.
     """
     stiffness = PlaceStiffness(two.fit.model["belt_stiffness.stiffness"], 0.0)
     places = {r.name: stiffness for r in recordings if r.sidecar.experiment == "frf" and not r.sidecar.held_out}
@@ -285,18 +301,55 @@ def _bounds(axis: Axis, recordings: Sequence[Recording]) -> dict[str, tuple[floa
 
 
 def sheet_mass_kg(axis: Axis) -> float | None:
-    """The end pulley at the belt by the data sheet, of the same make as the driving pulley:  Θ_r/r², kg; None when it is not known."""
+    """The end pulley at the belt by the data sheet, of the same make as the driving pulley:  Θ_r/r².
+
+    Parameters
+    ----------
+    axis : Axis
+        With inertia and radius of the pulley.
+
+    Returns
+    -------
+    float or None
+        kg; None when it is not known.
+    """
     inertia, radius = axis.get("pulley.inertia_kg_m2"), axis.get("pulley.effective_radius_m")
     return float(inertia) / float(radius) ** 2 if inertia and radius else None
 
 
 def resonances_hz(model: Model, position_m: float, held: Sequence[str] = ()) -> tuple[float, ...]:
-    """Modes of the sliding axis with the carriage there, Hz, rising; the motor's antiresonances with ``held`` = ("motor",)."""
+    """Modes of the sliding axis.
+
+    Parameters
+    ----------
+    model : Model
+        With any number of bodies.
+    position_m : float, m
+        Carriage on the axis.
+    held : sequence of str
+        Bodies that cannot move; ("motor",) gives the antiresonances of the motor.
+
+    Returns
+    -------
+    tuple of float
+        Hz, rising.
+    """
     return tuple(mode.freq_hz for mode in modes(model, operating_point(model, position_m, 1.0), held=held))
 
 
 def signal_up_to(response: FrequencyResponse) -> float:
-    """Highest frequency at which a response stands above its noise, Hz: median over neighbouring lines at least ``SHOWN``."""
+    """Highest frequency at which a response stands above its noise: median over neighbouring lines at least ``SHOWN``.
+
+    Parameters
+    ----------
+    response : FrequencyResponse
+        With its noise.
+
+    Returns
+    -------
+    float
+        Hz; 0 where it nowhere does.
+    """
     ratio = np.abs(response.h) / np.maximum(response.noise, 1e-300)
     width = min(TOGETHER, len(ratio))
     shown = np.median(np.lib.stride_tricks.sliding_window_view(ratio, width), axis=1) >= SHOWN
@@ -315,7 +368,26 @@ def _reach(name: str, place_m: float | None, response: FrequencyResponse, model:
 def judge_third_mass(
     two: FinalModel, three: ModelFit, axis: Axis, recordings: Sequence[Recording], responses: Mapping[str, FrequencyResponse]
 ) -> ThreeMass:
-    """The third mass, judged by evidence, intervals, held-out records, what is left over, and its mode within the records."""
+    """The third mass, judged by evidence, intervals, held-out records, what is left over, and its mode within the records.
+
+    Parameters
+    ----------
+    two : FinalModel
+        Of two masses.
+    three : ModelFit
+        Of three, on the same records.
+    axis : Axis
+        Data sheets.
+    recordings : sequence of Recording
+        Of the fits.
+    responses : mapping of str to FrequencyResponse
+        By record, rad/(N m).
+
+    Returns
+    -------
+    ThreeMass
+        With the reasons against it.
+    """
     gain = evidence(three, two.fit)
     item = three.model.parameters[MASS]
     known = item.interval is not None and item.interval <= WELL_KNOWN * item.value

@@ -81,7 +81,20 @@ def fit_magnitudes(
 
 
 def linear_model(model: Model, axis: Axis) -> Model:
-    """The model with viscous friction alone, at values that Coulomb friction poses as around standstill."""
+    """The model with viscous friction alone, at values that Coulomb friction poses as around standstill.
+
+    Parameters
+    ----------
+    model : Model
+        With Coulomb friction.
+    axis : Axis
+        For the place of the driven side.
+
+    Returns
+    -------
+    Model
+        Start values of a fit of magnitudes.
+    """
     values = {name: model[name] for name in model.parameters if name.partition(".")[0] not in ("coulomb", "cart_friction")}
     values |= {"belt_sections.offset": axis.travel.driven_side_offset_m, **START_DAMPING}
     effects = [e for e in model.effects if e not in ("coulomb", "cart_friction")]
@@ -89,7 +102,20 @@ def linear_model(model: Model, axis: Axis) -> Model:
 
 
 def with_coupling(model: Model, axis: Axis) -> Model:
-    """The model with the data sheet's coupling as a spring at the motor shaft: half of it turns with the motor, half with the pulley."""
+    """The model with the data sheet's coupling as a spring at the motor shaft: half of it turns with the motor, half with the pulley.
+
+    Parameters
+    ----------
+    model : Model
+        Without a coupling.
+    axis : Axis
+        With inertias of coupling, pulley and gearbox, kg m².
+
+    Returns
+    -------
+    Model
+        The inertia of motor and pulley together as it was.
+    """
     behind = ((axis.get("pulley.inertia_kg_m2") or 0.0) + axis.gearbox.inertia_kg_m2) / axis.gearbox.ratio**2
     behind += 0.5 * axis.coupling.inertia_kg_m2
     values = {"stiffness": float(axis.coupling.stiffness_nm_rad or 0.0), "damping": COUPLING_DAMPING, "driving_pulley.inertia": behind}
