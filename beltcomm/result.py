@@ -110,6 +110,19 @@ def command_lines(command: str, why: str = "") -> list[Line]:
     return [Line("  ", (tr("Next"), "title"), f"  {why}" if why else ""), Line("    ", (command, "command"))]
 
 
+class Described:
+    """Object that a terminal shows as text, and a notebook with tables: the lines of ``_lines``."""
+
+    def _lines(self) -> Iterable[str]:
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return "\n".join(self._lines())
+
+    def _repr_html_(self) -> str:
+        return html_of(self._lines())
+
+
 def html_of(lines: Iterable[str]) -> str:
     """Lines as a notebook shows them: rows as tables, text as it stands."""
     parts = []

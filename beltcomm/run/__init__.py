@@ -9,7 +9,7 @@ from beltcomm.axis import Axis
 from beltcomm.control import Cascade
 from beltcomm.errors import UsageError
 from beltcomm.given import Place, number, place, word
-from beltcomm.result import Result, html_of, table
+from beltcomm.result import Described, Result, table
 from beltcomm.run.model import RunModel
 from beltcomm.run.record import RunRecord, RunRecords
 from beltcomm.rundata.revisions import CURRENT, model_named
@@ -27,7 +27,7 @@ from beltcomm.locks import NAME, at_work, occupied
 from beltcomm.talk import Silence
 
 
-class OpenedRun:
+class OpenedRun(Described):
     """One run folder; :func:`beltcomm.open` makes it.
 
     Nothing is kept here that the folder holds: a run that another program changes is seen as it is now.
@@ -347,12 +347,6 @@ class OpenedRun:
         """
         result: Result = _api().report(self.path, out=out)
         return result
-
-    def __repr__(self) -> str:
-        return "\n".join(self._lines())
-
-    def _repr_html_(self) -> str:
-        return html_of(self._lines())
 
     def _lines(self) -> list[str]:
         """Contents for people."""

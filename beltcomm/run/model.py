@@ -12,7 +12,7 @@ from beltcomm.given import number
 from beltcomm.model import Model
 from beltcomm.model.linear import StateSpace, operating_point, state_space
 from beltcomm.model.value import Value
-from beltcomm.result import html_of, table, with_unit
+from beltcomm.result import Described, table, with_unit
 from beltcomm.run.record import import_pandas
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 SLIDING_RAD_S = 20.0
 
 
-class RunModel(Mapping[str, Value]):
+class RunModel(Described, Mapping[str, Value]):
     """A model's parameters: by full name as of a mapping, by a short one as attributes (``mass``, ``stiffness``).
 
     Parameters
@@ -161,12 +161,6 @@ class RunModel(Mapping[str, Value]):
             rows[name] = {"value": one.value, "low_95": low, "high_95": high, "unit": one.unit, "side": one.side, "origin": one.origin}
         frame = import_pandas().DataFrame.from_dict(rows, orient="index")
         return frame.rename_axis("parameter")
-
-    def __repr__(self) -> str:
-        return "\n".join(self._lines())
-
-    def _repr_html_(self) -> str:
-        return html_of(self._lines())
 
     def _lines(self) -> list[str]:
         rows = []

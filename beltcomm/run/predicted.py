@@ -10,7 +10,7 @@ from beltcomm.app.design import ground_of, move_between
 from beltcomm.axis.entries import AxisTargets
 from beltcomm.axis.terms import PLAIN, Terms
 from beltcomm.jobs.design import basis_of
-from beltcomm.result import html_of, table
+from beltcomm.result import Described, table
 from beltcomm.run.record import Drawing, import_pandas
 from beltcomm.rundata.store import saved_design
 from beltcomm.runfolder import RunFolder
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import pandas
 
 
-class MovePrediction:
+class MovePrediction(Described):
     """Simulated move in closed loop.
 
     Parameters
@@ -87,12 +87,6 @@ class MovePrediction:
             lower.set_ylabel(said("torque in N m"))
             lower.set_xlabel("time in s")
         return Drawing(made)
-
-    def __repr__(self) -> str:
-        return "\n".join(self._lines())
-
-    def _repr_html_(self) -> str:
-        return html_of(self._lines())
 
     def _lines(self) -> list[str]:
         motor, cart, path = self.error, self.cart_error, self.path

@@ -15,7 +15,7 @@ from beltcomm.errors import DataError, UsageError
 from beltcomm.given import Place, pasted, place
 from beltcomm.identify.loop_response import response_to_signal
 from beltcomm.recording import Recording, Sidecar
-from beltcomm.result import html_of, table
+from beltcomm.result import Described, table
 from beltcomm.rundata.conditions import condition_of
 from beltcomm.runfolder import RunFolder
 
@@ -41,7 +41,7 @@ def import_pandas() -> Any:
     return found
 
 
-class RunRecords(Mapping[str, "RunRecord"]):
+class RunRecords(Described, Mapping[str, "RunRecord"]):
     """The complete recordings of a run by name."""
 
     def __init__(self, folder: RunFolder) -> None:
@@ -66,12 +66,6 @@ class RunRecords(Mapping[str, "RunRecord"]):
     def __len__(self) -> int:
         return len(self._folder.finished_names())
 
-    def __repr__(self) -> str:
-        return "\n".join(self._lines())
-
-    def _repr_html_(self) -> str:
-        return html_of(self._lines())
-
     def _lines(self) -> list[str]:
         rows = []
         for name in self:
@@ -81,7 +75,7 @@ class RunRecords(Mapping[str, "RunRecord"]):
         return list(table(["record", "experiment", ">s", ">samples", "held out"], rows)) or ["no recordings"]
 
 
-class RunRecord:
+class RunRecord(Described):
     """One recording: signals that never change.
 
     Parameters
@@ -168,12 +162,6 @@ class RunRecord:
         from beltcomm.report.style import Caption
 
         return Caption(f"beltcomm.open({str(self._folder.path)!r})[{self.name!r}].{what}()", f"{pasted(self._folder.path)}/recordings")
-
-    def __repr__(self) -> str:
-        return "\n".join(self._lines())
-
-    def _repr_html_(self) -> str:
-        return html_of(self._lines())
 
     def _lines(self) -> list[str]:
         one = self.recording
