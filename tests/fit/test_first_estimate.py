@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -72,7 +71,6 @@ def test_data_sheet_model_holds_the_sheet() -> None:
     assert model["belt_stiffness.stiffness"] == pytest.approx(1.0 / (1.0 / belt + 0.01242**2 / 168.75))
     assert model["coulomb.level"] + 0.01242 * model["cart_friction.level"] == pytest.approx(COULOMB_NM)
     assert "tilt.angle" not in model.parameters
-    assert data_sheet_model(AXIS, 0.28, COULOMB_NM, tilt_rad=math.radians(3.0))["tilt.angle"] == pytest.approx(math.radians(3.0))
 
 
 def test_data_sheet_model_of_a_geared_axis_is_at_the_motor() -> None:

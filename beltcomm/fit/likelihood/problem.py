@@ -352,13 +352,11 @@ class Problem:
         return self.count[:, None] * a[self.piece_of_block], self.count[:, None, None] * b[self.piece_of_block]
 
     @in_one_thread
-    def minimise(self, x: Array, iterations: int, held: Sequence[int] = (), enough: float = 0.02, goal: float = math.inf) -> Minimum:
+    def minimise(self, x: Array, iterations: int, enough: float = 0.02, goal: float = math.inf) -> Minimum:
         """Levenberg-Marquardt on O with the weights of each place; unknowns that push against a bound stay there.
 
         Parameters
         ----------
-        held : sequence of int
-            Unknowns that do not move.
         enough : float
             A step that gains less than this ends the search, nats.
         goal : float
@@ -366,7 +364,7 @@ class Problem:
         """
         residual = self.residual(x)
         value, damping = self.objective(residual, x), 1e-3
-        asked = [j for j in range(len(x)) if j not in set(held)]
+        asked = list(range(len(x)))
         for left in reversed(range(iterations if math.isfinite(value) else 0)):
             weights = self.weights(residual)
             jacobian = self.jacobian(x, asked).weighted_rows(weights)

@@ -86,7 +86,7 @@ def _usual_stiffness(axis: Axis) -> float:
     return math.sqrt(axis.belt_stiffness_n_m(ends[0]) * axis.belt_stiffness_n_m(ends[1]))
 
 
-def data_sheet_model(axis: Axis, position_m: float | None, coulomb_nm: float, tilt_rad: float = 0.0) -> Model:
+def data_sheet_model(axis: Axis, position_m: float | None, coulomb_nm: float) -> Model:
     """The model before anything was measured: inertia, transmission and belt from data sheets, friction from a breakaway test.
 
     Parameters
@@ -97,8 +97,6 @@ def data_sheet_model(axis: Axis, position_m: float | None, coulomb_nm: float, ti
         Where the stiffness is taken; None takes the geometric mean of both ends of the travel.
     coulomb_nm : float, N m at the motor
         Of motor and carriage together; the split is not known and set to 70 % at the motor.
-    tilt_rad : float, rad
-        Of the axis against the horizontal.
 
     Returns
     -------
@@ -125,8 +123,6 @@ def data_sheet_model(axis: Axis, position_m: float | None, coulomb_nm: float, ti
     effects: tuple[str, ...] = BASE_EFFECTS
     if axis.rigid:
         effects, values = RIGID_EFFECTS, {**values, "coulomb.level": coulomb_nm}
-    if tilt_rad:
-        effects, values = (*effects, "tilt"), {**values, "tilt.angle": tilt_rad}
     return build_for(axis, effects, values)
 
 
