@@ -56,11 +56,6 @@ def intervals_fewest(speed_m_s: ArrayLike, increment_m: float, period_s: float) 
     return intervals_printed(speed_m_s, increment_m, period_s) - 1.0
 
 
-def measured_time_s(speed_m_s: ArrayLike, increment_m: float, period_s: float) -> Array:
-    """(C.4), with (6.7) and (6.8): T_n,inc = ⌊ξ T_s/Δξ_min⌋ Δξ_min/ξ, s, → T_s for high speeds (6.10)."""
-    return intervals_printed(speed_m_s, increment_m, period_s) * increment_m / _array(speed_m_s)
-
-
 def time_error_percent(measured_s: ArrayLike, tick_s: float, sign: int = 1) -> Array:
     """100 (T/(T ± Δt_min) − 1) = ∓100 Δt_min/(T ± Δt_min): what a time T, measured wrong by a tick, does to a velocity.
 
@@ -89,15 +84,6 @@ def event_counter_error_exact_percent(
     count = intervals_fewest if fewest else intervals_printed
     intervals = _at_least_one(count(speed_m_s, increment_m, period_s))
     return time_error_percent(intervals * increment_m / _array(speed_m_s), tick_s, sign)
-
-
-def event_counter_error_percent(speed_m_s: ArrayLike, increment_m: float, tick_s: float, period_s: float, *, sign: int = 1) -> Array:
-    """(6.11), (C.6): ∓100 ξ/(⌊ξ T_s/Δξ_min⌋ ξ_h,max), percent, for Δt_min ≪ T_s; (C.6) is printed without the 100.
-
-    nan below Δξ_min/T_s, where the floor is 0.
-    """
-    intervals = _at_least_one(intervals_printed(speed_m_s, increment_m, period_s))
-    return -sign * 100.0 * _array(speed_m_s) / (intervals * highest_speed_m_s(increment_m, tick_s))
 
 
 def event_counter_envelope_percent(speed_m_s: ArrayLike, increment_m: float, tick_s: float, period_s: float) -> Array:

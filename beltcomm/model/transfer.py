@@ -158,18 +158,6 @@ class TwoMass:
         num = (self.mass_kg, self.cart_damping_n_s_m, self.stiffness_n_m)
         return TransferFunction(num, tuple(float(a) for a in den))
 
-    def product_error(self) -> tuple[float, float]:
-        """(ã_2e, ã_3e): what the denominator of (2.42) has more than that of (2.39).
-
-        ã_2e = i_t² (i_t² m_c d_m² + Θ_e d_c²)/(Θ_e + i_t² m_c),   ã_3e = i_t² (d_m + d_c) Θ_e m_c/(Θ_e + i_t² m_c)
-
-        Source: (2.43).  The thesis prints ã_2e as i_t² (d_m + d_c)(i_t² m_c d_m + Θ_e d_c)/(Θ_e + i_t² m_c), which contains
-        the i_t² d_m d_c that (2.39f) has already.
-        """
-        dm, dc = self.motor_damping_n_s_m, self.cart_damping_n_s_m
-        second = self._it2 * (self._it2 * self.mass_kg * dm**2 + self.inertia_kg_m2 * dc**2) / self._total
-        return second, self._rigid_damping * self.inertia_kg_m2 * self.mass_kg / self._total
-
     def torque_to_cart(self) -> TransferFunction:
         """Motor torque to carriage position, m/(N m).
 
