@@ -44,7 +44,7 @@ REACH, LINES = 4.0, 400
 
 @dataclass(frozen=True)
 class Banded:
-    """A stretch in the band.
+    """A segment in the band.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ def shared_band(*seen: tuple[Data, Model]) -> float:
 
 
 def band_limited_errors(data: Data, fitted: Fitted, band_hz: float) -> list[Banded]:
-    """All stretches of the records, those held out last, as a model leaves them in the band.
+    """All segments of the records, those held out last, as a model leaves them in the band.
 
     Parameters
     ----------

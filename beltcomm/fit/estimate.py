@@ -52,9 +52,9 @@ class Fitted:
         Whitened, (n,), of the fitted records.
     objective : float
         O.
-    held_residual : tuple of ndarray
+    held_out_residuals : tuple of ndarray
         Of those held out, piece by piece.
-    held_objective : float
+    held_out_objective : float
         O there, 0 without any.
     onward : Model or None
         With which the search would go on, where its iterations ended it.
@@ -67,8 +67,8 @@ class Fitted:
     x: Array
     residual: Array
     objective: float
-    held_residual: tuple[Array, ...]
-    held_objective: float
+    held_out_residuals: tuple[Array, ...]
+    held_out_objective: float
     onward: Model | None = None
     likeliest: Fitted | None = None
 
@@ -78,16 +78,16 @@ class Fitted:
         return float(np.sqrt(np.mean(self.residual**2))) if len(self.residual) else np.nan
 
     @property
-    def held_ratio(self) -> float | None:
+    def held_out_ratio(self) -> float | None:
         """Ratio of residual to noise on the held-out records; None without any."""
-        joined = np.concatenate(self.held_residual) if self.held_residual else np.zeros(0)
+        joined = np.concatenate(self.held_out_residuals) if self.held_out_residuals else np.zeros(0)
         return float(np.sqrt(np.mean(joined**2))) if len(joined) else None
 
     @property
-    def held_level(self) -> float | None:
+    def held_out_level(self) -> float | None:
         """O of the held-out records for each of their values, to be held against fits with other samples; None without any."""
-        held = sum(map(len, self.held_residual))
-        return self.held_objective / held if held else None
+        held = sum(map(len, self.held_out_residuals))
+        return self.held_out_objective / held if held else None
 
     @property
     def offsets(self) -> Array:
@@ -227,8 +227,8 @@ def _fit_result(problem: Problem, at: Minimum, data: Data, onward: Model | None 
     """A minimum, and what its model makes of the records held out."""
     problem.forget()  # most fits are only compared; what they looked at would be kept with each of them
     best = problem.model_at(at.x, "laboratory")
-    held_residual = tuple(held_out_residual(piece, best) for piece in data.held_out)
-    return Fitted(best, problem, at.x, at.residual, at.objective, held_residual, held_objective(data, held_residual), onward)
+    held_out_residuals = tuple(held_out_residual(piece, best) for piece in data.held_out)
+    return Fitted(best, problem, at.x, at.residual, at.objective, held_out_residuals, held_out_objective(data, held_out_residuals), onward)
 
 
 def escape_local_minimum(data: Data, fitted: Fitted, iterations: int) -> Fitted:
@@ -322,7 +322,7 @@ def held_out_residual(piece: Segment, model: Model) -> Array:
     return whitened_residual(piece, model, vector, found.x) if found.fun < cost(0.0) else here
 
 
-def held_objective(data: Data, residuals: Sequence[Array]) -> float:
+def held_out_objective(data: Data, residuals: Sequence[Array]) -> float:
     """Robust objective O of the records held out.
 
     Parameters

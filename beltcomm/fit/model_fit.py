@@ -65,7 +65,7 @@ class ModelFit:
     @property
     def held_out_misfit(self) -> float | None:
         """Mean square of the whitened residual on held-out records, 1 at the noise; None without any."""
-        return None if self.fitted.held_ratio is None else self.fitted.held_ratio**2
+        return None if self.fitted.held_out_ratio is None else self.fitted.held_out_ratio**2
 
     @property
     def objective(self) -> float:
@@ -129,7 +129,7 @@ class ModelFit:
         problem = self.fitted.problem
         for piece, white in zip(problem.pieces, np.split(self.fitted.residual, problem.ends[1:-1]), strict=True):
             squares.setdefault(piece.record, []).append(white**2)
-        for piece, white in zip(self.data.held_out, self.fitted.held_residual, strict=True):
+        for piece, white in zip(self.data.held_out, self.fitted.held_out_residuals, strict=True):
             squares.setdefault(piece.record, []).append(white**2)
         return {name: float(np.mean(np.concatenate(parts))) for name, parts in squares.items() if sum(map(len, parts))}
 

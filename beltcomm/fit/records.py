@@ -63,7 +63,7 @@ ROUNDED = 3.0
 
 @dataclass(frozen=True)
 class Data:
-    """Stretches of the records to fit and of those held out.
+    """Segments of the records to fit and of those held out.
 
     Attributes
     ----------

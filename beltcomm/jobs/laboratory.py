@@ -238,7 +238,7 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
         added = with_costs(folder, found, added, data.get("cost"))
     data["revisions"] = [as_mapping(r) for r in added]
     unknown = undetermined_in(found.final_fit, found.base)
-    climbed = words.climb_lines(added, found.added_effects, found.final_fit.held_ratio is not None, run, unknown)
+    climbed = words.climb_lines(added, found.added_effects, found.final_fit.held_out_ratio is not None, run, unknown)
     step = f"Next: beltcomm {'design' if folder.axis.has_transmission else 'report'} {pasted(run)}"
     return Result(data, [*text, *climbed, step], details=details)
 

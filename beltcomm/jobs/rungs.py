@@ -22,7 +22,7 @@ from beltcomm.sentences.diagnosis_data import Plain
 def base_revision(folder: RunFolder, data: Data, fitted: Fitted, command: str, when: str) -> Revision:
     """The first rung."""
     plain, model = of_run(data, fitted), with_intervals(fitted)
-    held = fitted.held_ratio
+    held = fitted.held_out_ratio
     rung = new_revision(folder, model, "base", ratio=fitted.ratio, held_out=held, confirmed=None, command=command, when=when, plain=plain)
     keep_fit(folder, data, fitted, model)
     return rung
@@ -42,16 +42,16 @@ def revision_of(folder: RunFolder, new: tuple[Data, Fitted], old: tuple[Data, Fi
     fell = None if change.startswith("-") else is_confirmed(seen, before, after, data)  # who takes one out has decided
     plain = of_run(data, after, shared_band((seen, before.model), (data, after.model)))
     parent = current_revision(folder)
-    if fell and parent is not None and after.held_ratio is not None:
+    if fell and parent is not None and after.held_out_ratio is not None:
         trusted = not_contradicted(parent, revisions(folder))
-        fell = trusted.held_out is None or (after.held_ratio < trusted.held_out and less(plain[1], trusted.plain_held_out))
+        fell = trusted.held_out is None or (after.held_out_ratio < trusted.held_out and less(plain[1], trusted.plain_held_out))
     model = with_intervals(after)
     rung = new_revision(
         folder,
         model,
         change,
         ratio=after.ratio,
-        held_out=after.held_ratio,
+        held_out=after.held_out_ratio,
         confirmed=fell,
         command=command,
         when=when,

@@ -61,12 +61,12 @@ def explained_share(drop: float, base: Fitted) -> float:
     return max(drop / above if above > 0.0 else 0.0, squares)
 
 
-def enough(evidence: float, explained: float, drop: float, held_gain: float, base: Fitted) -> bool:
+def enough(evidence: float, explained: float, drop: float, held_out_gain: float, base: Fitted) -> bool:
     """True if an effect may be named."""
-    if evidence <= EVIDENCE or is_refuted(evidence, held_gain):
+    if evidence <= EVIDENCE or is_refuted(evidence, held_out_gain):
         return False
-    held = sum(len(r) for r in base.held_residual)
-    confirmed = held > 0 and held_gain / held > CONFIRMED_GAIN * drop / base.problem.samples
+    held = sum(len(r) for r in base.held_out_residuals)
+    confirmed = held > 0 and held_out_gain / held > CONFIRMED_GAIN * drop / base.problem.samples
     return explained > (CONFIRMED_EXPLAINED if confirmed else EXPLAINED)
 
 
@@ -75,7 +75,11 @@ def share_left(before: Fitted, after: Fitted) -> float:
 
     O forgives bad places, which may fall while the error as a whole stays or grows.
     """
-    held = _mean_left(before.held_ratio, after.held_ratio) if before.held_ratio is not None and after.held_ratio is not None else 1.0
+    held = (
+        _mean_left(before.held_out_ratio, after.held_out_ratio)
+        if before.held_out_ratio is not None and after.held_out_ratio is not None
+        else 1.0
+    )
     return held if held < HELD_FALLS else _mean_left(before.ratio, after.ratio)
 
 
@@ -92,7 +96,7 @@ def lowers(data: Data, before: Fitted, after: Fitted, ahead: Data | None = None)
         Records as the model after sees them, where the one before sees ``data``.
     """
     fitted, held = changes(data, before, after, ahead)
-    ratios = (before.held_ratio, after.held_ratio)
+    ratios = (before.held_out_ratio, after.held_out_ratio)
     silent = None in ratios or held[0] == 0.0  # below its own noise it says nothing; the likelihood of the records held out does
     return falls(fitted, before.ratio, after.ratio) and (silent or falls(held, *ratios))  # type: ignore[arg-type]
 
@@ -116,11 +120,11 @@ def is_confirmed(data: Data, before: Fitted, after: Fitted, ahead: Data | None =
 
     The error over the noise must fall, in the mean square and without its outliers, and the plain error must not rise by more than chance.
     """
-    if after.held_ratio is None or before.held_ratio is None or after.held_level is None or before.held_level is None:
+    if after.held_out_ratio is None or before.held_out_ratio is None or after.held_out_level is None or before.held_out_level is None:
         return None
-    if not (after.held_level < before.held_level and after.held_ratio < before.held_ratio):
+    if not (after.held_out_level < before.held_out_level and after.held_out_ratio < before.held_out_ratio):
         return False
-    return falls(changes(data, before, after, ahead)[1], before.held_ratio, after.held_ratio)
+    return falls(changes(data, before, after, ahead)[1], before.held_out_ratio, after.held_out_ratio)
 
 
 def impossible(model: Model) -> list[str]:
@@ -166,9 +170,9 @@ def is_negligible(model: Model, effect: Effect) -> bool:
     return effect.least > 0.0 and model[effect.full_names()[0]] <= effect.least
 
 
-def is_refuted(evidence: float, held_gain: float) -> bool:
+def is_refuted(evidence: float, held_out_gain: float) -> bool:
     """True if the held-out records speak against an effect that the fitted ones speak for."""
-    return held_gain < -HELD_OUT_LOSS * max(evidence, 0.0)
+    return held_out_gain < -HELD_OUT_LOSS * max(evidence, 0.0)
 
 
 def drop_by(base: Fitted, grown: Fitted) -> float:

@@ -76,7 +76,7 @@ def compare(data: Data, fitted: Fitted) -> Comparison:
     judged: list[Judged] = []
     model, band = fitted.model, band_of(data, fitted.model)
     parts = band_limited_errors(data, fitted, band)
-    whites = [*np.split(fitted.residual, fitted.problem.ends[1:-1]), *fitted.held_residual]
+    whites = [*np.split(fitted.residual, fitted.problem.ends[1:-1]), *fitted.held_out_residuals]
     for piece, white, part in zip((*fitted.problem.pieces, *data.held_out), whites, parts, strict=True):
         judged.append(_judge(piece, model, white, part.whole))
     records = []
@@ -88,7 +88,7 @@ def compare(data: Data, fitted: Fitted) -> Comparison:
         plain = plain_error(own, model, band)
         records.append(RecordRatio(name, own[0].held_out, float(np.sqrt(np.mean(white**2))), len(white), plain))
     whole, held = (plain_error([part for part in parts if part.held_out is out], model, band) for out in (False, True))
-    return Comparison(fitted.ratio, fitted.held_ratio, tuple(records), tuple(worst_places(judged)), tuple(judged), whole, held)
+    return Comparison(fitted.ratio, fitted.held_out_ratio, tuple(records), tuple(worst_places(judged)), tuple(judged), whole, held)
 
 
 def _judge(piece: Segment, model: Model, white: Array, whole: Array) -> Judged:

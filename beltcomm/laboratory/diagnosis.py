@@ -385,8 +385,8 @@ def escape_if_far_off(data: Data, fitted: Fitted) -> Fitted | None:
     if needs_observer(fitted.model) or fitted.objective <= FAR_OFF * fitted.problem.samples:
         return None
     found = escape_local_minimum(data, fitted, NEXT_ITERATIONS)
-    drop, held_gain = drop_by(fitted, found), fitted.held_objective - found.held_objective
-    return found if drop > EVIDENCE and not is_refuted(drop, held_gain) and not impossible(found.model) else None
+    drop, held_out_gain = drop_by(fitted, found), fitted.held_out_objective - found.held_out_objective
+    return found if drop > EVIDENCE and not is_refuted(drop, held_out_gain) and not impossible(found.model) else None
 
 
 def without_contradicted(candidates: Sequence[Candidate]) -> list[Candidate]:

@@ -74,7 +74,7 @@ class Candidate:
         Drop by the score test.
     fitted : Fitted or None
         With the effect, None where it was not refitted.
-    held_gain : float
+    held_out_gain : float
         Drop of O on the held-out records.
     hollow : bool
         It explains much, but only at physically impossible values.
@@ -94,7 +94,7 @@ class Candidate:
     promised: float
     evidence: float
     explained: float
-    held_gain: float
+    held_out_gain: float
     fitted: Fitted | None
     accepted: bool
     hollow: bool = False
@@ -107,7 +107,7 @@ class Candidate:
     def stands(self) -> bool:
         """True if nothing speaks against it: records held out, error as a whole or in plain units, own values, a carriage that strays."""
         return self.fitted is None or not (
-            self.hollow or self.grows or self.unneeded or self.idle or is_refuted(self.evidence, self.held_gain)
+            self.hollow or self.grows or self.unneeded or self.idle or is_refuted(self.evidence, self.held_out_gain)
         )
 
     @property
@@ -123,7 +123,7 @@ class Candidate:
             return "a carriage that strays as far without it explains as much"
         if self.idle:
             return "the error in plain units does not fall"
-        if is_refuted(self.evidence, self.held_gain):
+        if is_refuted(self.evidence, self.held_out_gain):
             return "records held out speak against it"
         return f"evidence below {EVIDENCE:.0f}" if self.evidence <= EVIDENCE else "explains too little"
 
@@ -305,19 +305,19 @@ def rank(item: Candidate) -> tuple[bool, bool, float]:
 
 def candidate(data: Data, base: Fitted, effect: Effect, promised: float, best: Fitted, starts: int) -> Candidate:
     """Candidate from a model fitted with the effect; as one that was not refitted where a body flies off in it."""
-    if not math.isfinite(best.objective + best.held_objective):
+    if not math.isfinite(best.objective + best.held_out_objective):
         return Candidate(effect, promised, promised, 0.0, 0.0, None, False)
     drop = drop_by(base, best)
     evidence, explained = drop - bic_penalty(effect, base, starts), explained_share(drop, base)
-    held_gain = base.held_objective - best.held_objective
+    held_out_gain = base.held_out_objective - best.held_out_objective
     hollow = bool(impossible(best.model)) or any(bad(best.model, effect) for bad in (exceeds_bounds, is_negligible, only_cancels))
     grows = share_left(base, best) >= 1.0
-    accepted = enough(evidence, explained, drop, held_gain, base) and not (hollow or grows or is_left_by_path(data, base, best, effect))
+    accepted = enough(evidence, explained, drop, held_out_gain, base) and not (hollow or grows or is_left_by_path(data, base, best, effect))
     if accepted and (means := drop_in_means(data, base, best)) < drop:
         evidence = means - bic_penalty(effect, base, starts)
         accepted = evidence > EVIDENCE
     idle = accepted and not lowers(data, base, best)
-    return Candidate(effect, promised, evidence, explained, held_gain, best, accepted and not idle, hollow, grows, idle=idle)
+    return Candidate(effect, promised, evidence, explained, held_out_gain, best, accepted and not idle, hollow, grows, idle=idle)
 
 
 def refit_with(data: Data, base: Fitted, way: Scored, goal: float = math.inf) -> Fitted:

@@ -57,8 +57,8 @@ def gap_with_delay(data: Data, current: Fitted, held: Fitted) -> Candidate | Non
     alone = candidate(data, current, gap, 0.0, fit(data, best.model.without_effect(delay.name), 0), 1)
     if alone.fitted is None or alone.fitted.ratio >= current.ratio:
         return None
-    held_gain = current.held_objective - best.held_objective
-    return Candidate(gap, drop, evidence, explained, held_gain, alone.fitted, True, beside=delay.name)
+    held_out_gain = current.held_out_objective - best.held_out_objective
+    return Candidate(gap, drop, evidence, explained, held_out_gain, alone.fitted, True, beside=delay.name)
 
 
 def both_fitted(data: Data, model: Model, gap: Effect, delay: Effect, goal: float) -> Fitted:

@@ -19,7 +19,7 @@ ABOVE = 2.0
 
 
 def plain_error(parts: Sequence[Banded], model: Model, band_hz: float) -> PlainError | None:
-    """Over all samples of some stretches that count; None without any."""
+    """Over all samples of some segments that count; None without any."""
     count = sum(int(np.count_nonzero(part.keep)) for part in parts)
     if not count:
         return None

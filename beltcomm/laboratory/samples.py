@@ -77,7 +77,7 @@ def units_of(model: Model) -> Units:
 
 @dataclass(frozen=True)
 class Judged:
-    """A stretch with its residual.
+    """A segment with its residual.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ class Judged:
 
 @dataclass(frozen=True)
 class Samples:
-    """All kept samples of all stretches, (n,) each.
+    """All kept samples of all segments, (n,) each.
 
     Attributes
     ----------
@@ -142,7 +142,7 @@ class Bins:
 
 
 def gather_samples(judged: Sequence[Judged]) -> Samples:
-    """The samples of all stretches side by side."""
+    """The samples of all segments side by side."""
     names = tuple(dict.fromkeys(j.piece.record for j in judged))
     return Samples(
         np.concatenate([j.white for j in judged]),

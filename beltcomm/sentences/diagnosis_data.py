@@ -46,7 +46,7 @@ def diagnosis_data(found: Diagnosis, before: Plain, after: Plain) -> dict[str, A
                 "detour": list(step.detour),
                 "forms": list(step.forms),
                 "ratio": step.after.ratio,
-                "held_out": step.after.held_ratio,
+                "held_out": step.after.held_out_ratio,
                 "ranking": [ranked(c) for c in step.candidates],
             }
             for step in found.steps
@@ -63,7 +63,7 @@ def error_data(fitted: Fitted, both: Plain) -> dict[str, Any]:
     """Error of a model, over the noise and in plain units, on the fitted records and on those held out."""
     return {
         "ratio": fitted.ratio,
-        "held_out": fitted.held_ratio,
+        "held_out": fitted.held_out_ratio,
         "plain": {"overall": plain(both[0]), "held_out": plain(both[1])},
     }
 
@@ -74,7 +74,7 @@ def ranked(candidate: Candidate) -> dict[str, Any]:
         "effect": candidate.effect.name,
         "evidence": candidate.evidence,
         "explained": max(0.0, candidate.explained),
-        "held_out_gain": candidate.held_gain if candidate.fitted is not None and candidate.fitted.held_residual else None,
+        "held_out_gain": candidate.held_out_gain if candidate.fitted is not None and candidate.fitted.held_out_residuals else None,
         "accepted": candidate.accepted,
         "against": candidate.against,
         "beside": candidate.beside,

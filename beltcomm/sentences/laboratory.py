@@ -87,9 +87,9 @@ def diagnosis_screen(
     first, last = found.published_base[1], found.final_fit
     lines: list[str] = [
         *state_lines(tr(word), _said(found), style),
-        _labelled(tr("error"), error_words((first.ratio, first.held_ratio), before)),
+        _labelled(tr("error"), error_words((first.ratio, first.held_out_ratio), before)),
     ]
-    lines += [_labelled(tr("with it"), error_words((last.ratio, last.held_ratio), after))] if named else []
+    lines += [_labelled(tr("with it"), error_words((last.ratio, last.held_out_ratio), after))] if named else []
     lines += candidate_rows(found, CANDIDATES, "   ")
     model = with_intervals(last)
     for name in named[:EFFECTS]:

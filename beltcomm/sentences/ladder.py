@@ -60,7 +60,7 @@ def candidate_rows(found: Diagnosis, most: int, indent: str = "") -> list[Row]:
             c.effect.name,
             f"{c.evidence:.0f}",
             f"{100.0 * max(0.0, c.explained):.0f}%",
-            f"{c.held_gain:.0f}" if found.base.held_residual else "none",
+            f"{c.held_out_gain:.0f}" if found.base.held_out_residuals else "none",
             f"not accepted, {c.against}" if c.against else f"together with {c.beside}" if c.beside else "",
         ]
         for c in shown
@@ -89,7 +89,7 @@ def caveats(found: Diagnosis) -> list[str]:
     lines, model = [], with_intervals(found.final_fit)
     if found.added_effects:
         lines += narrower_lines(found.published_base[1], found.final_fit)
-        held, then = found.published_base[1].held_ratio, found.final_fit.held_ratio
+        held, then = found.published_base[1].held_out_ratio, found.final_fit.held_out_ratio
         if held is not None and then is not None and then >= held:
             lines.append(f"Not confirmed: on records that were not fitted the error was {held:.2f} without it.")
     if open_ := undetermined_effects(model, found.base.model):
@@ -287,9 +287,9 @@ def change_lines(
     """
     lines, (before, (plain, plain_held)) = list(notes), was
     lines.append(f"{rung.change}: error {before.ratio:.2f} → {after.ratio:.2f} times the noise{fall(plain, rung.plain, 'of the torque')}")
-    if before.held_ratio is not None and after.held_ratio is not None:
+    if before.held_out_ratio is not None and after.held_out_ratio is not None:
         held = fall(plain_held, rung.plain_held_out)
-        lines.append(f"  on records that were not fitted {before.held_ratio:.2f} → {after.held_ratio:.2f}{held}")
+        lines.append(f"  on records that were not fitted {before.held_out_ratio:.2f} → {after.held_out_ratio:.2f}{held}")
     if rung.change.startswith("+"):
         for name in (word[1:] for word in rung.change.split() if word.startswith("+")):
             lines += effect_lines(effect_named(name), model)
@@ -298,7 +298,7 @@ def change_lines(
             lines += [f"The diagnosis names {name} beside it: `beltcomm add {name} {pasted(run)}`, then judge both." for name in beside[:1]]
         elif rung.confirmed is None:
             lines.append("Not confirmed: no record is held out, so nothing could contradict it.")
-    elif before.held_ratio is not None and after.held_ratio is not None and after.held_ratio > before.held_ratio:
+    elif before.held_out_ratio is not None and after.held_out_ratio is not None and after.held_out_ratio > before.held_out_ratio:
         lines.append(
             "Warning: without it records that were not fitted fit worse. It is out all the same, and `design` rests on this model."
         )

@@ -100,7 +100,7 @@ class Judge:
         for key in self._names:
             half = spread.half_width(self._weights(key))
             self.reference[key] = MoveEstimate(self._value(key, self.model), half or 0.0)
-        self.ratio = max(1.0, opened.fitted.held_ratio or 0.0, opened.fitted.ratio)
+        self.ratio = max(1.0, opened.fitted.held_out_ratio or 0.0, opened.fitted.ratio)
         self._together: list[Recording] = []
         self._latest = self.model
         self._values = 0

@@ -171,7 +171,7 @@ def judged(machine: Machine, found: Diagnosis, run: RunFolder) -> dict[str, Any]
     line["kept"] = [e for e in after.model.effects if e not in found.base.model.effects]
     line["ranking"] = [(c.effect.name, round(c.evidence), c.fitted is not None) for c in first.candidates[:3]]
     line["ratio"] = [found.base.ratio, after.ratio]
-    line["held"] = [found.base.held_ratio, after.held_ratio]
+    line["held"] = [found.base.held_out_ratio, after.held_out_ratio]
     line["records"] = records_of(found)
     line["level"] = [f.objective / f.problem.samples for f in (found.base, after)]
     hidden = [e for e in machine.effects if e not in OUTSIDE]
@@ -214,7 +214,7 @@ def white_of(found: Diagnosis, fitted: Fitted) -> dict[tuple[str, bool], np.ndar
     parts: dict[tuple[str, bool], list[np.ndarray]] = {}
     for piece, white in zip(fitted.problem.pieces, np.split(fitted.residual, fitted.problem.ends[1:-1]), strict=True):
         parts.setdefault((piece.record, False), []).append(white)
-    for piece, white in zip(found.data.held_out, fitted.held_residual, strict=True):
+    for piece, white in zip(found.data.held_out, fitted.held_out_residuals, strict=True):
         parts.setdefault((piece.record, True), []).append(white)
     return {key: np.concatenate(whites) for key, whites in parts.items()}
 
@@ -235,7 +235,7 @@ def reference(machine: Machine, found: Diagnosis, run: RunFolder, wanted: list[s
     truth = {n: v for n, v in true_base(machine).items() if n in fitted.model.parameters}
     truth |= {names[0]: v for names, v in true_values(machine).items() if len(names) == 1 and names[0] in fitted.model.parameters}
     begun = fit(found.data, fitted.model.with_values(truth, "truth"), ITERATIONS, offsets=fitted.offsets)
-    return min((begun, fitted), key=lambda f: f.objective).held_ratio
+    return min((begun, fitted), key=lambda f: f.objective).held_out_ratio
 
 
 def run_all(file: Path, name: str, first: int, count: int) -> None:

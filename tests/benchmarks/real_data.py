@@ -51,7 +51,7 @@ def main(names: list[str]) -> None:
             for change, fitted in rungs:
                 if change != "+":
                     errors = "  ".join(f"{judged(name, fitted.model, r):6.2f} %" for r in timed)
-                    print(f"  {change:24} {errors}   {fitted.ratio:7.2f} {fitted.held_ratio or 0.0:7.2f} times the noise")
+                    print(f"  {change:24} {errors}   {fitted.ratio:7.2f} {fitted.held_out_ratio or 0.0:7.2f} times the noise")
             base = {r.name: banded_of(found.base.model, r, *BANDS[name]) for r in timed}
             plain = least_squares([base[r.name] for r in timed if not r.sidecar.held_out], [base[r.name] for r in timed], BANDS[name][1])
             print(f"  {'least squares, base':24} {'  '.join(f'{100.0 * error:6.2f} %' for error in plain)}")
@@ -60,7 +60,8 @@ def main(names: list[str]) -> None:
             for step in found.steps:
                 refused = [c for c in step.candidates if c.fitted is not None and not c.accepted]
                 print(
-                    "  refused:", ", ".join(f"{c.effect.name} ({c.evidence:.0f}, held out {c.held_gain:.0f}; {c.against})" for c in refused)
+                    "  refused:",
+                    ", ".join(f"{c.effect.name} ({c.evidence:.0f}, held out {c.held_out_gain:.0f}; {c.against})" for c in refused),
                 )
             model = found.final_fit.model
             print("  " + ", ".join(f"{key} {value.value:.4g} {value.unit}" for key, value in model.parameters.items()))

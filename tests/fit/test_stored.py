@@ -58,7 +58,11 @@ def test_what_is_read_back_is_the_fit_to_the_digit(records: list[Recording], fou
     assert data.path.drive == found.path.drive
     assert data.path.reading == found.path.reading
     np.testing.assert_array_equal(fitted.residual, found.fitted.residual)
-    assert (fitted.objective, fitted.ratio, fitted.held_ratio) == (found.fitted.objective, found.fitted.ratio, found.fitted.held_ratio)
+    assert (fitted.objective, fitted.ratio, fitted.held_out_ratio) == (
+        found.fitted.objective,
+        found.fitted.ratio,
+        found.fitted.held_out_ratio,
+    )
     assert {n: v.value for n, v in fitted.model.parameters.items()} == {n: v.value for n, v in found.fitted.model.parameters.items()}
     np.testing.assert_array_equal(fitted.problem.jacobian(fitted.x).columns, found.fitted.problem.jacobian(found.fitted.x).columns)
 

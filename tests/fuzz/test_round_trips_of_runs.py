@@ -88,7 +88,7 @@ def test_kept_fits(data: Data, fixed: list[str], seed: int) -> None:
     assert store_fit(*again) == made
     assert again[1].x.tobytes() == fitted.x.tobytes()
     assert again[1].residual.tobytes() == fitted.residual.tobytes()
-    assert (again[1].objective, again[1].held_objective) == (fitted.objective, fitted.held_objective)
+    assert (again[1].objective, again[1].held_out_objective) == (fitted.objective, fitted.held_out_objective)
 
 
 @given(st.dictionaries(any_text.filter(lambda key: key != "key"), plain_values), any_text, any_text)

@@ -22,7 +22,9 @@ def test_a_line_keeps_every_record() -> None:
     def fitted(sizes: tuple[int, ...], level: float) -> Any:
         ends = np.cumsum([0, *sizes])
         levels = np.repeat([level, level, 2.0 * level], sizes)
-        return SimpleNamespace(problem=SimpleNamespace(pieces=pieces, ends=ends), residual=levels, held_residual=(np.full(4, 3.0 * level),))
+        return SimpleNamespace(
+            problem=SimpleNamespace(pieces=pieces, ends=ends), residual=levels, held_out_residuals=(np.full(4, 3.0 * level),)
+        )
 
     found: Any = SimpleNamespace(
         base=fitted((5, 5, 2), 3.0), final_fit=fitted((4, 6, 3), 1.0), data=SimpleNamespace(held_out=[SimpleNamespace(record="c")])

@@ -47,7 +47,7 @@ class Axis:
         return SimpleNamespace(
             model=model,
             objective=self.reached(set(model.effects), free),
-            held_objective=held,
+            held_out_objective=held,
             offsets=None,
             problem=SimpleNamespace(free=tuple(free), samples=SAMPLES),
         )

@@ -117,7 +117,7 @@ def searched(monkeypatch: pytest.MonkeyPatch, found: list[list[str]], own: Calla
     """
 
     def fitted(model: Any) -> Any:
-        size = {"objective": 2.0, "problem": SimpleNamespace(samples=1, forget=lambda: None), "ratio": 2.0, "held_ratio": None}
+        size = {"objective": 2.0, "problem": SimpleNamespace(samples=1, forget=lambda: None), "ratio": 2.0, "held_out_ratio": None}
         return SimpleNamespace(model=model, **size)
 
     stages = iter(found)

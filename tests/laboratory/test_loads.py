@@ -113,7 +113,7 @@ def test_loads_that_are_named_are_found_with_intervals(tmp_path: Path) -> None:
     assert inside(model["motor.inertia"], INERTIA, 0.004)
     assert inside(model["other_inertia.inertia"], INERTIA + DISC, 0.004)
     assert inside(model["other_inertia_2.inertia"], INERTIA + CUP, 0.004)
-    assert max(found.ratio, found.held_ratio or 9.0) < 1.05
+    assert max(found.ratio, found.held_out_ratio or 9.0) < 1.05
     outcome = call("compare", str(run), "--details")
     assert "in b, d with 'disc'" in outcome.stdout, outcome.output
     told = json.loads(call("compare", str(run), "--json").stdout)["model"]["parameters"]["motor.inertia"]
@@ -134,7 +134,7 @@ def test_loads_that_are_stated_are_one_inertia(tmp_path: Path) -> None:
     found = fitted(run_of(tmp_path, records, set_words(*MOTOR_ALONE)))
     assert inside(with_intervals(found).parameters["motor.inertia"], INERTIA, 0.004)
     assert "other_inertia" not in found.model.effects
-    assert max(found.ratio, found.held_ratio or 9.0) < 1.05
+    assert max(found.ratio, found.held_out_ratio or 9.0) < 1.05
 
 
 @pytest.mark.examination
@@ -148,7 +148,7 @@ def test_a_carriage_with_and_without_a_payload(tmp_path: Path, word: str) -> Non
     assert inside(model["cart.mass"], MASS, 0.02)
     if word == "--load":
         assert inside(model["other_load.mass"], MASS + MORE, 0.02)
-    assert max(found.ratio, found.held_ratio or 9.0) < 1.1
+    assert max(found.ratio, found.held_out_ratio or 9.0) < 1.1
 
 
 @pytest.mark.examination

@@ -146,8 +146,8 @@ def test_records_held_out_below_their_own_noise_do_not_refuse_an_effect(
 ) -> None:
     """Over the noise they rose by next to nothing; their likelihood is asked elsewhere."""
     monkeypatch.setattr(acceptance, "changes", lambda *_: ((-1.0, 0.1), held))
-    before: Any = SimpleNamespace(ratio=1.2, held_ratio=1.01)
-    after: Any = SimpleNamespace(ratio=1.0, held_ratio=1.02)
+    before: Any = SimpleNamespace(ratio=1.2, held_out_ratio=1.01)
+    after: Any = SimpleNamespace(ratio=1.0, held_out_ratio=1.02)
     data: Any = SimpleNamespace()
     assert acceptance.lowers(data, before, after) is said
 
@@ -180,7 +180,7 @@ def test_when_a_plain_error_falls(rise: float, chance: float, before: float, aft
 def test_what_is_confirmed_lowers_the_plain_error_too(
     monkeypatch: pytest.MonkeyPatch, held: Any, objective: Any, rise: float, said: bool | None
 ) -> None:
-    before, after = (SimpleNamespace(held_ratio=r, held_level=o) for r, o in zip(held, objective, strict=True))
+    before, after = (SimpleNamespace(held_out_ratio=r, held_out_level=o) for r, o in zip(held, objective, strict=True))
     monkeypatch.setattr(acceptance, "changes", lambda *_: ((-1.0, 0.1), (rise, 0.5)))
     data: Any = SimpleNamespace()
     one: Any = before

@@ -52,7 +52,7 @@ def test_a_diagnosis_fits_on_a_screen_with_number_cause_and_check(monkeypatch: p
     model = load_plant("g_a").model.with_effect("friction_position", {"amount": 0.05, "place": 0.3, "width": 0.06})
     for module in ("beltcomm.sentences.laboratory", "beltcomm.sentences.ladder"):
         monkeypatch.setattr(f"{module}.with_intervals", lambda _fitted: model)
-    base, after = (SimpleNamespace(ratio=ratio, held_ratio=ratio, held_residual=(1,), model=model) for ratio in (2.3, 1.01))
+    base, after = (SimpleNamespace(ratio=ratio, held_out_ratio=ratio, held_out_residuals=(1,), model=model) for ratio in (2.3, 1.01))
     found: Any = SimpleNamespace(
         verdict="explained", added_effects=["friction_position"], published_base=(None, base), final_fit=after, base=base, steps=()
     )

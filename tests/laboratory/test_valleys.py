@@ -59,14 +59,14 @@ def test_only_a_bad_end_is_looked_at_again_and_only_a_better_one_is_taken(
 
     def fitted(objective: float, held: float) -> Any:
         return SimpleNamespace(
-            model=model, objective=objective, held_objective=held, problem=SimpleNamespace(model=model, samples=10_000), x=np.zeros(0)
+            model=model, objective=objective, held_out_objective=held, problem=SimpleNamespace(model=model, samples=10_000), x=np.zeros(0)
         )
 
     asked = []
 
     def other(_data: Data, before: Any, _iterations: int) -> Any:
         asked.append(before)
-        return fitted(before.objective - fall, before.held_objective - held_fall)
+        return fitted(before.objective - fall, before.held_out_objective - held_fall)
 
     monkeypatch.setattr(diagnosis, "escape_local_minimum", other)
     data: Any = SimpleNamespace()
@@ -83,7 +83,7 @@ def test_the_search_goes_on_from_the_better_valley(monkeypatch: pytest.MonkeyPat
         return None if "better" in fitted.name else model("better")
 
     def model(name: str) -> Any:
-        size = {"objective": 0.0, "problem": SimpleNamespace(samples=1, forget=lambda: None), "ratio": 2.0, "held_ratio": None}
+        size = {"objective": 0.0, "problem": SimpleNamespace(samples=1, forget=lambda: None), "ratio": 2.0, "held_out_ratio": None}
         return SimpleNamespace(name=name, model=SimpleNamespace(effects=()), **size)
 
     named = SimpleNamespace(

@@ -85,8 +85,8 @@ def test_what_is_explained_would_pass_as_a_machine_of_which_nothing_is_missing(
     monkeypatch: pytest.MonkeyPatch, level: float, ratio: float, verdict: str
 ) -> None:
     model, problem = BASE.with_effect("tilt", {}), SimpleNamespace(pieces=(), samples=5000)
-    after: Any = SimpleNamespace(model=model, objective=level * 5000, problem=problem, ratio=ratio, held_ratio=None)
-    base: Any = SimpleNamespace(model=BASE, ratio=1.5, held_ratio=None)
+    after: Any = SimpleNamespace(model=model, objective=level * 5000, problem=problem, ratio=ratio, held_out_ratio=None)
+    base: Any = SimpleNamespace(model=BASE, ratio=1.5, held_out_ratio=None)
     monkeypatch.setattr(diagnosis, "with_intervals", lambda _fitted: BASE)
     assert verdict_of(base, [Stage(base, (), "tilt", (), after)], (), 0.0) == verdict
     untouched: Any = SimpleNamespace(objective=after.objective, problem=after.problem)  # of it nothing else is asked
@@ -186,7 +186,7 @@ def test_only_what_held_out_records_confirm_is_added_by_itself(
 ) -> None:
     """``held`` : ratio and objective of the held-out records before and with cogging; with warmup they stay as they are."""
     base, once, twice = (
-        SimpleNamespace(model=name, held_ratio=h and h[0], held_level=h and h[1])
+        SimpleNamespace(model=name, held_out_ratio=h and h[0], held_out_level=h and h[1])
         for name, h in zip(("base", "once", "twice"), (*held, held[1]), strict=True)
     )
     monkeypatch.setattr(laboratory, "current_revision", lambda _folder: "there")
@@ -212,7 +212,7 @@ def test_only_what_held_out_records_confirm_is_added_by_itself(
 
 def test_two_effects_that_only_both_together_are_confirmed_become_one_revision(monkeypatch: pytest.MonkeyPatch) -> None:
     base, once, twice = (
-        SimpleNamespace(held_ratio=ratio, held_level=objective) for ratio, objective in ((3.0, 9.0), (3.1, 9.5), (1.0, 2.0))
+        SimpleNamespace(held_out_ratio=ratio, held_out_level=objective) for ratio, objective in ((3.0, 9.0), (3.1, 9.5), (1.0, 2.0))
     )
     monkeypatch.setattr(laboratory, "current_revision", lambda _folder: "there")
     monkeypatch.setattr(laboratory, "undetermined_in", lambda *_: [])
@@ -267,7 +267,7 @@ def test_what_the_held_out_records_do_not_confirm_is_said(
 ) -> None:
     monkeypatch.setattr(ladder, "with_intervals", lambda _fitted: BASE)
     quiet = {"objective": 100.0, "problem": SimpleNamespace(pieces=(), samples=10)}
-    base, after = (SimpleNamespace(model=BASE, ratio=2.0, held_ratio=ratio, held_residual=(), **quiet) for ratio in held)
+    base, after = (SimpleNamespace(model=BASE, ratio=2.0, held_out_ratio=ratio, held_out_residuals=(), **quiet) for ratio in held)
     found: Any = SimpleNamespace(
         base=base,
         published_base=(None, base),
@@ -294,7 +294,7 @@ def test_what_the_held_out_records_do_not_confirm_is_said(
     ],
 )
 def test_how_much_is_left_as_a_whole(before: tuple[float, float | None], after: tuple[float, float | None], share: float) -> None:
-    one, two = (cast(Fitted, SimpleNamespace(ratio=ratio, held_ratio=held)) for ratio, held in (before, after))
+    one, two = (cast(Fitted, SimpleNamespace(ratio=ratio, held_out_ratio=held)) for ratio, held in (before, after))
     assert share_left(one, two) == pytest.approx(share, abs=0.01)
 
 
@@ -307,9 +307,9 @@ def test_an_effect_with_which_the_error_as_a_whole_grows_is_not_taken(
 ) -> None:
     """But where the held-out records say that it is there; and a per cent is the noise, which is calibrated anew."""
 
-    def fitted(ratio: float, held_ratio: float) -> Any:
+    def fitted(ratio: float, held_out_ratio: float) -> Any:
         size = {"objective": 10.0, "problem": SimpleNamespace(pieces=(), samples=10, forget=lambda: None)}
-        return SimpleNamespace(model=SimpleNamespace(effects=()), ratio=ratio, held_ratio=held_ratio, **size)
+        return SimpleNamespace(model=SimpleNamespace(effects=()), ratio=ratio, held_out_ratio=held_out_ratio, **size)
 
     candidate = Candidate(effect_named("measurement_lag"), 0.0, 500.0, 0.5, 1.0, fitted(1.9, 1.9), accepted=True)
     found = [[candidate], []]
@@ -355,7 +355,7 @@ def test_each_stage_of_a_search_is_a_phase_of_its_own_and_no_number_of_them_is_p
 
 
 @pytest.mark.parametrize(
-    ("evidence", "held_gain", "more", "against"),
+    ("evidence", "held_out_gain", "more", "against"),
     [
         (500.0, 50.0, {"accepted": True}, ""),
         (500.0, 50.0, {"fitted": None}, ""),
@@ -368,7 +368,7 @@ def test_each_stage_of_a_search_is_a_phase_of_its_own_and_no_number_of_them_is_p
         (500.0, 50.0, {}, "explains too little"),
     ],
 )
-def test_why_a_candidate_may_not_be_named_is_said(evidence: float, held_gain: float, more: dict[str, Any], against: str) -> None:
+def test_why_a_candidate_may_not_be_named_is_said(evidence: float, held_out_gain: float, more: dict[str, Any], against: str) -> None:
     there: Any = SimpleNamespace()
-    one = Candidate(effect_named("cogging"), 0.0, evidence, 0.1, held_gain, there, False)
+    one = Candidate(effect_named("cogging"), 0.0, evidence, 0.1, held_out_gain, there, False)
     assert replace(one, **more).against == against

@@ -147,8 +147,8 @@ def test_what_stands_on_a_rung_that_is_not_confirmed_is_held_against_the_one_bel
     new_revision(folder, model, "base", ratio=2.0, held_out=2.0, confirmed=None, command="", when="")
     new_revision(folder, model, "+cogging", ratio=1.5, held_out=3.0, confirmed=False, command="", when="")
     nothing: Any = SimpleNamespace(fitted=(), held_out=())
-    before: Any = SimpleNamespace(model=model, held_ratio=3.0, held_level=9.0)
-    after: Any = SimpleNamespace(model=model, ratio=1.0, held_ratio=held, held_level=2.0)
+    before: Any = SimpleNamespace(model=model, held_out_ratio=3.0, held_out_level=9.0)
+    after: Any = SimpleNamespace(model=model, ratio=1.0, held_out_ratio=held, held_out_level=2.0)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(rungs, "with_intervals", lambda fitted: fitted.model)
         patch.setattr(rungs, "of_run", lambda *_: (None, None))
