@@ -56,6 +56,16 @@ def unexplained_roughness(recording: Recording) -> Array:
 
     What the torque leaves of fourth differences holds 70 times that of the noise and g² times that of a white torque that acts unasked;
     its own fourth differences 12870 times and 66 g² times: as a mean over the period that has next to nothing at half the rate.
+
+    Parameters
+    ----------
+    recording : Recording
+        With one sample period.
+
+    Returns
+    -------
+    ndarray, (m,)
+        rad²; empty for a record that is too short.
     """
     rough, bent = np.diff(recording.position, 4), np.diff(recording.torque, 2)
     number = len(rough) - FOLLOWED
@@ -67,6 +77,17 @@ def unexplained_roughness(recording: Recording) -> Array:
 
 
 def white_step(position: Array) -> float:
-    """Step whose rounding would be as rough as an angle is, rad: less than the encoder's where the drive interpolates between counts."""
+    """Step whose rounding would be as rough as an angle is, rad: less than the encoder's where the drive interpolates between counts.
+
+    Parameters
+    ----------
+    position : ndarray, (n,), rad
+        At one sample period.
+
+    Returns
+    -------
+    float, rad
+        Not below the step in which the angle is read.
+    """
     rough = np.diff(position, 4)
     return max(1.4826 * float(np.median(np.abs(rough))) * math.sqrt(12.0 / 70.0), smallest_step(position))

@@ -42,12 +42,35 @@ def decimated_noise(every: int) -> float:
     """Factor on white noise of the torque, so that the mean of two decimated ones is as noisy as that with the triangular weight.
 
     √((4/3 - 1/(3 m²))/m) for every m-th sample; 1 for all of them.
+
+    Parameters
+    ----------
+    every : int
+        m.
+
+    Returns
+    -------
+    float
+        1 at most.
     """
     return math.sqrt((4.0 / 3.0 - 1.0 / (3.0 * every**2)) / every)
 
 
 def decimate(row: Array, every: int) -> Array:
-    """Mean of a row, (n,), over so many samples, without the rest at the end; (n // every,)."""
+    """Mean of a row over so many samples each, without the rest at the end.
+
+    Parameters
+    ----------
+    row : ndarray, (n,)
+        Any unit.
+    every : int
+        Samples.
+
+    Returns
+    -------
+    ndarray, (n // every,)
+        In the unit of the row.
+    """
     return np.asarray(row[: len(row) // every * every].reshape(-1, every).mean(axis=1))
 
 
@@ -72,13 +95,34 @@ def smallest_step(position: Array) -> float:
     """Step in which an angle is read, rad: that of which its differences are whole multiples, where they are of any.
 
     Of an angle without steps, as one that the drive interpolates, a small one of the differences, with rounding of the file left aside.
+
+    Parameters
+    ----------
+    position : ndarray, (n,), rad
+        As it was read.
+
+    Returns
+    -------
+    float, rad
+        inf for an angle that never changes.
     """
     gaps = _gaps(position)
     return _step_of(gaps) or (float(np.percentile(gaps, 2)) if len(gaps) else np.inf)
 
 
 def is_counted(position: Array) -> bool:
-    """True for an angle in steps."""
+    """True for an angle in steps.
+
+    Parameters
+    ----------
+    position : ndarray, (n,), rad
+        As it was read.
+
+    Returns
+    -------
+    bool
+        True for one that never changes.
+    """
     gaps = _gaps(position)
     return not len(gaps) or _step_of(gaps) > 0.0
 

@@ -67,15 +67,38 @@ class Level:
 
 
 def torque_noise(recordings: Sequence[Recording], quiet_nm: float = 1e-3) -> float:
-    """Noise of the torque signal, N m rms: what a short filter of the setpoint does not explain; the median over the records.
+    """Noise of the torque signal: what a short filter of the setpoint does not explain; the median over the records.
 
     Where no record has a setpoint it is of the calmest records, by what periods or differences leave: ``_without_setpoint``.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        One at least.
+    quiet_nm : float
+        Least that is taken, N m rms.
+
+    Returns
+    -------
+    float
+        N m rms, motor shaft.
     """
     return max(_level(recordings).nm, quiet_nm)
 
 
 def repeats_itself(recordings: Sequence[Recording]) -> bool:
-    """True for a torque that repeats from period to period as no measured one does: most values the same, others a step or two apart."""
+    """True for a torque that repeats from period to period as no measured one does: most values the same, others a step or two apart.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Those without periods do not count.
+
+    Returns
+    -------
+    bool
+        By one of them.
+    """
     for recording in recordings:
         repeated, note = _period_difference(recording), recording.sidecar.excitation
         if repeated is None or note is None or len(repeated) < (note.period_samples or 0):
@@ -86,25 +109,71 @@ def repeats_itself(recordings: Sequence[Recording]) -> bool:
 
 
 def is_held(recordings: Sequence[Recording]) -> bool:
-    """True for a torque that stays the same from row to row as no measured one does: a command in steps, logged as what acted."""
+    """True for a torque that stays the same from row to row as no measured one does: a command in steps, logged as what acted.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        All must be so.
+
+    Returns
+    -------
+    bool
+        False without any.
+    """
     shares = [float(np.mean(np.diff(r.torque) == 0.0)) for r in recordings if len(r.torque) > 1]
     return bool(shares) and min(shares) > HELD
 
 
 def noise_colour(recordings: Sequence[Recording]) -> float:
-    """Correlation of neighbours of the torque's noise where no record has a setpoint and periods show it; 0 of white noise."""
+    """Correlation of neighbours of the torque's noise where no record has a setpoint and periods show it; 0 of white noise.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        One at least.
+
+    Returns
+    -------
+    float
+        Pole of first order.
+    """
     return _level(recordings).colour
 
 
 def torque_step(torque: Array) -> float:
-    """Step in which a torque is read, N m: the least difference of its values, what rounding of the file makes of them left aside."""
+    """Step in which a torque is read, N m: the least difference of its values, what rounding of the file makes of them left aside.
+
+    Parameters
+    ----------
+    torque : ndarray, (n,), N m
+        As it was read.
+
+    Returns
+    -------
+    float
+        N m; 0 for one that never changes.
+    """
     gaps = np.diff(np.unique(torque))
     real = gaps[gaps > 1e-9 * float(np.abs(torque).max())] if len(gaps) else gaps
     return float(np.percentile(real, 2)) if len(real) else 0.0
 
 
 def correlation(rests: Sequence[Array], samples: int = 1) -> float:
-    """Autocorrelation of some rows, (n,) each, of mean 0, at a lag of so many samples; 0 where all are 0."""
+    """Autocorrelation of rows of mean 0 at a lag.
+
+    Parameters
+    ----------
+    rests : sequence of ndarray, (n,)
+        In one unit.
+    samples : int
+        The lag, 1 and more.
+
+    Returns
+    -------
+    float
+        -1 to 1; 0 where all are 0.
+    """
     power = sum(float(rest @ rest) for rest in rests)
     return sum(float(rest[samples:] @ rest[:-samples]) for rest in rests) / power if power > 0.0 else 0.0
 
@@ -123,7 +192,18 @@ def robust_rms(rest: Array, step_nm: float = 0.0) -> float:
 
 
 def noise_untold(recordings: Sequence[Recording]) -> str:
-    """Reason in words why records over time do not tell the torque's noise, with what to do; "" where they do."""
+    """Reason in words why records over time do not tell the torque's noise, with what to do; "" where they do.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Those held out and static maps do not count.
+
+    Returns
+    -------
+    str
+        A sentence, or "".
+    """
     to_fit = [r for r in recordings if not (r.sidecar.held_out or r.is_static_map)]
     if not to_fit or _level(to_fit).told:
         return ""
@@ -134,7 +214,18 @@ def noise_untold(recordings: Sequence[Recording]) -> str:
 
 
 def error_floor_words(ratio: float) -> str:
-    """Reason in words why a ratio to the noise means nothing; "" for one that noise can leave."""
+    """Reason in words why a ratio to the noise means nothing; "" for one that noise can leave.
+
+    Parameters
+    ----------
+    ratio : float
+        Error over the noise.
+
+    Returns
+    -------
+    str
+        A sentence, or "".
+    """
     if ratio >= TOO_LITTLE:
         return ""
     return (
@@ -144,7 +235,20 @@ def error_floor_words(ratio: float) -> str:
 
 
 def noise_doubt(ratio: float, recordings: Sequence[Recording]) -> str:
-    """Reason in words why the ratio to the noise says nothing of a model; "" where it does."""
+    """Reason in words why the ratio to the noise says nothing of a model; "" where it does.
+
+    Parameters
+    ----------
+    ratio : float
+        Error over the noise.
+    recordings : sequence of Recording
+        That it is of.
+
+    Returns
+    -------
+    str
+        A sentence, or "".
+    """
     return noise_untold(recordings) or error_floor_words(ratio)
 
 
@@ -273,5 +377,18 @@ def _floor(recording: Recording) -> float | None:
 
 
 def roughness(differences: Array, order: int = ORDER) -> float:
-    """Deviation of the white noise that differences of an order are of: binomial(2 order, order) times its variance is theirs."""
+    """Deviation of the white noise that differences of an order are of: binomial(2 order, order) times its variance is theirs.
+
+    Parameters
+    ----------
+    differences : ndarray, (n,)
+        Of a signal.
+    order : int
+        How often it was differenced.
+
+    Returns
+    -------
+    float
+        In the unit of the signal; by the median, which outliers do not move.
+    """
     return 1.4826 * float(np.median(np.abs(differences - np.median(differences)))) / math.sqrt(math.comb(2 * order, order))

@@ -140,7 +140,20 @@ def noise_schedule(model: Model, places_m: Array, sample_s: float, left: Array |
 
 
 def stiffness_levels(model: Model, low_m: float, high_m: float) -> tuple[Array, Array]:
-    """Places, m, and ln of :func:`stiffness_to_ground` there; one place and 0 where it hardly changes, or is not known everywhere."""
+    """Logarithm of :func:`stiffness_to_ground` along the travel.
+
+    Parameters
+    ----------
+    model : Model
+        With or without a belt.
+    low_m, high_m : float, m
+        Ends of the way.
+
+    Returns
+    -------
+    tuple of ndarray, (k,)
+        Places, m, and ln there; one place and 0 where it hardly changes, or is not known everywhere.
+    """
     ends, places, at = (np.linspace(low_m, high_m, number) for number in (3, PLACES, FINE_PLACES))
     rough = stiffnesses(model, ends) if "cart" in model.base_bodies else None
     if rough is None or np.ptp(rough) < LEVEL or (known := stiffnesses(model, places)) is None:
@@ -149,7 +162,20 @@ def stiffness_levels(model: Model, low_m: float, high_m: float) -> tuple[Array, 
 
 
 def stiffnesses(model: Model, places_m: Array) -> Array | None:
-    """ln of :func:`stiffness_to_ground`, N/m, at places m, (n,) -> (n,); None where a law, as a search has it, holds nothing at one."""
+    """Logarithm of :func:`stiffness_to_ground` at places.
+
+    Parameters
+    ----------
+    model : Model
+        With a belt.
+    places_m : ndarray, (n,)
+        Carriage.
+
+    Returns
+    -------
+    ndarray (n,) or None
+        ln of N/m; None where a law, as a search has it, holds nothing at one.
+    """
     try:
         found = np.array([stiffness_to_ground(model, float(x)) for x in places_m])
     except ZeroDivisionError:
@@ -158,7 +184,20 @@ def stiffnesses(model: Model, places_m: Array) -> Array | None:
 
 
 def stiffness_to_ground(model: Model, position_m: float) -> float:
-    """Stiffness of all that holds the carriage at a place while the other bodies stand, N/m."""
+    """Stiffness of all that holds the carriage at a place while the other bodies stand.
+
+    Parameters
+    ----------
+    model : Model
+        With a belt.
+    position_m : float, m
+        Carriage.
+
+    Returns
+    -------
+    float, N/m
+        Of all elements at the carriage.
+    """
     total, cart = 0.0, carriage_of([body.name for _, body in model.bodies()])
     for effect in model.effect_list():
         if effect.elements:
@@ -182,7 +221,22 @@ def noise_path(model: Model, position_m: float, sample_s: float, closed: float =
 
 
 def path_of(model: Model, linear: Matrices, sample_s: float) -> NoisePath:
-    """Noise path of a model linearised already."""
+    """Noise path of a model linearised already.
+
+    Parameters
+    ----------
+    model : Model
+        For its lags and dead time.
+    linear : Matrices
+        Of the model at a place.
+    sample_s : float, s
+        Sample period.
+
+    Returns
+    -------
+    NoisePath
+        Of torque noise and rounding.
+    """
     lags = [(e, model[f"{e.name}.time"]) for e in model.effect_list() if e.slot in ("torque_reading", "torque_delay")]
     reading = sum(time for e, time in lags if e.slot == "torque_reading")
     dead, lag = (sum(time for e, time in lags if e.name == name) for name in ("dead_time", "current_lag"))
@@ -248,6 +302,18 @@ def read_late(path: NoisePath, time_s: float) -> NoisePath:
 
     y[n] = a y[n-1] + b e[n-1] + c e[n]  with  e = h s + d q,  one more state z[n] = a y[n-1] + b e[n-1]:
     z[n+1] = a z[n] + (a c + b) e[n],   y[n] = z[n] + c e[n]      (straight between the samples, as ``measurement_lag``)
+
+    Parameters
+    ----------
+    path : NoisePath
+        Without that lag.
+    time_s : float, s
+        Time constant of the reading.
+
+    Returns
+    -------
+    NoisePath
+        ``path`` itself for hardly any lag.
     """
     if time_s < LEAST_LAG_S:
         return path
@@ -276,6 +342,18 @@ def with_dead_time(path: NoisePath, dead_s: float, lag_s: float) -> NoisePath:
     The noise w[n] of a period acts from its share f = dead_s/T - floor(dead_s/T) on; whole periods make no other noise.  With y what acts,
     lag_s y' = w - y, the residual has the mean of y with the triangular weight:  e[n] = … - ∫_0^1 u y[n-1+u] du - ∫_0^1 (1-u) y[n+u] du.
     Two more states, y[n] and w[n-1]; the last one is what the period before leaves of e[n].
+
+    Parameters
+    ----------
+    path : NoisePath
+        Of a torque that acts at once.
+    dead_s, lag_s : float, s
+        Dead time, and time constant of first order.
+
+    Returns
+    -------
+    NoisePath
+        ``path`` itself for hardly any of both.
     """
     part = dead_s / path.sample_s - math.floor(dead_s / path.sample_s)
     if part < LEAST_PART and lag_s < LEAST_LAG_S:
@@ -304,10 +382,23 @@ def with_dead_time(path: NoisePath, dead_s: float, lag_s: float) -> NoisePath:
 
 
 def exponential(a: Array) -> Array:
-    """e^a of a small matrix: scaling, Taylor's series, squaring.
+    """Exponential e^a of a small matrix: scaling, Taylor's series, squaring.
 
     Not scipy's ``expm``: its linear algebra runs in threads, which on a busy machine wait for each other, 20 ms instead of 0.04 ms.
-    Source: Moler, Van Loan, SIAM Review 45 (2003), method 3.
+
+    Parameters
+    ----------
+    a : ndarray, (n, n)
+        Without unit.
+
+    Returns
+    -------
+    ndarray, (n, n)
+        To rounding.
+
+    References
+    ----------
+    Moler, Van Loan, SIAM Review 45 (2003), method 3.
     """
     squarings = max(0, math.ceil(math.log2(max(float(np.abs(a).sum(axis=1).max()), 1e-300))) + 1)
     a = a / 2.0**squarings

@@ -173,7 +173,22 @@ def noises(
 
 
 def with_coloured_torque(path: NoisePath, colour: float) -> NoisePath:
-    """The path for noise of the torque  w[n] = ρ w[n-1] + √(1-ρ²) ν[n],  ρ the colour:  one more state w[n-1] in front, noises (…, ν)."""
+    """Noise path for a torque noise of first order.
+
+    w[n] = ρ w[n-1] + √(1-ρ²) ν[n]:  one more state w[n-1] in front, noises (…, ν).
+
+    Parameters
+    ----------
+    path : NoisePath
+        For a white one.
+    colour : float
+        ρ.
+
+    Returns
+    -------
+    NoisePath
+        Its noise has the variance of the white one.
+    """
     new, size, last = math.sqrt(1.0 - colour**2), len(path.H), path.G.shape[1] - 1
     f, g = np.zeros((size + 1, size + 1)), np.zeros((size + 1, path.G.shape[1]))
     f[0, 0], f[1:, 0], f[1:, 1:] = colour, colour * path.G[:, last], path.F
@@ -185,7 +200,20 @@ def with_coloured_torque(path: NoisePath, colour: float) -> NoisePath:
 
 
 def with_filtered_torque(path: NoisePath, colour: NoiseColour) -> tuple[NoisePath, Array]:
-    """The path for noise of the torque behind b(z)/a(z): its states in front, noises (…, ν), and their covariance."""
+    """Noise path for a torque noise behind a law b(z)/a(z): its states in front, noises (…, ν).
+
+    Parameters
+    ----------
+    path : NoisePath
+        For a white one.
+    colour : NoiseColour
+        The law.
+
+    Returns
+    -------
+    tuple of NoisePath and ndarray
+        The path, and the covariance of the states in front.
+    """
     own_f, own_g, covariance = filter_states(colour)
     size, own, last = len(path.H), len(own_g), path.G.shape[1] - 1
     f, g = np.zeros((size + own, size + own)), np.zeros((size + own, last + 1))
