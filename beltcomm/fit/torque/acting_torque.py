@@ -40,5 +40,18 @@ def acting_recording(recording: Recording, path: TorquePath | None) -> Recording
 
 
 def acting_recordings(recordings: Sequence[Recording], path: TorquePath | None) -> list[Recording]:
-    """:func:`acting_recording` of each."""
+    """Recordings with the torque that acts, see :func:`acting_recording`.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        As the drive reported them.
+    path : TorquePath or None
+        None takes the reading.
+
+    Returns
+    -------
+    list of Recording
+        In their order.
+    """
     return [acting_recording(recording, path) for recording in recordings]

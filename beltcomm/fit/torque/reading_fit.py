@@ -160,7 +160,18 @@ def _best_chain(pairs: Sequence[Pair], sample_s: float, free: float, colour: flo
 
 
 def lively_pairs(recordings: Sequence[Recording]) -> tuple[list[Pair], float]:
-    """Gapless pieces of setpoint and reading, the liveliest first, all of one sampling period, s."""
+    """Gapless pieces of setpoint and reading, the liveliest first.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Those without a setpoint do not count.
+
+    Returns
+    -------
+    tuple of list of Pair and float
+        Pieces, N m, and their one sampling period, s; none and 0 without a setpoint.
+    """
     found: list[tuple[float, float, Array, Array]] = []
     for recording in recordings:
         if recording.torque_setpoint is None:
