@@ -114,7 +114,18 @@ def slopes(seen: Sequence[Observation], model: Model, vector: Array, steps: Sequ
 
 
 def needs_observer(model: Model) -> bool:
-    """True if the model's bodies are to be followed: a carriage, a gap, and no lag between what the motor needs and what is read."""
+    """True if the model's bodies are to be followed: a carriage, a gap, and no lag between what the motor needs and what is read.
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+
+    Returns
+    -------
+    bool
+        False for a rigid axis.
+    """
     effects = model.effect_list()
     loose = "cart" in model.base_bodies and any(e.rattles for e in effects)
     return loose and not any(e.slot == "torque_reading" for e in effects)
@@ -134,7 +145,20 @@ def load_beyond_motor(model: Model, motion: FineMotion, torque: Array, vector: A
 
 
 def settling_samples(keep: NDArray[np.bool_], sample_s: float) -> NDArray[np.bool_]:
-    """Samples that do not count, behind so many of them that the carriage may be anywhere in its gap when the next one does; (n,)."""
+    """Samples that do not count, behind so many of them that the carriage may be anywhere in its gap when the next one does; (n,).
+
+    Parameters
+    ----------
+    keep : ndarray, (n,) of bool
+        Samples that count.
+    sample_s : float, s
+        Sample period.
+
+    Returns
+    -------
+    ndarray, (n,) of bool
+        The last one of each such span.
+    """
     number = np.arange(len(keep))
     since = number - np.maximum.accumulate(np.where(keep, number, -1))
     ends: NDArray[np.bool_] = ~keep & np.append(keep[1:], False)
@@ -142,9 +166,23 @@ def settling_samples(keep: NDArray[np.bool_], sample_s: float) -> NDArray[np.boo
 
 
 def stiffest(model: Model, low_m: float, high_m: float, places_m: Array) -> tuple[float, Array]:
-    """Place between two others where the carriage is held stiffest, m, and the stiffness at places over the one there, (n,).
+    """Place of a way where the carriage is held stiffest, and the stiffness elsewhere over the one there.
 
     A filter whose gains are worked out for a belt less than half as stiff as it is overshoots and flies off.
+
+    Parameters
+    ----------
+    model : Model
+        With a belt.
+    low_m, high_m : float, m
+        Ends of the way.
+    places_m : ndarray, (n,)
+        At which the stiffness is asked.
+
+    Returns
+    -------
+    tuple of float and ndarray (n,)
+        m, and shares up to 1.
     """
     at, logarithms = stiffness_levels(model, low_m, high_m)
     return float(at[np.argmax(logarithms)]), np.exp(np.interp(places_m, at, logarithms) - logarithms.max())
@@ -228,7 +266,18 @@ def untuned_observer(
 
 
 def tuned_observers(followers: Sequence[Observer]) -> list[Observer]:
-    """Observers of models with the same effects, each with the gains, deviations and shares that its model finds on its segment."""
+    """Observers of models with the same effects, each with the gains, deviations and shares that its model finds on its segment.
+
+    Parameters
+    ----------
+    followers : sequence of Observer
+        One for each segment.
+
+    Returns
+    -------
+    list of Observer
+        In their order.
+    """
     vectors = [observer.model.vector() for observer in followers]
     motions = [true_motion(observer.model, observer.motion, vector) for observer, vector in zip(followers, vectors, strict=True)]
     if followers:

@@ -43,7 +43,18 @@ TURNED = 4
 
 
 def turns_at_once(model: Model) -> bool:
-    """True if the motor's friction, as the model has it, has one level and turns round where the speed does."""
+    """True if the motor's friction, as the model has it, has one level and turns round where the speed does.
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+
+    Returns
+    -------
+    bool
+        False without a carriage.
+    """
     rubbing = {e.name for e in model.effect_list() if e.body == "motor" and e.slot in ("friction_level", "friction_onset")}
     return "cart" in model.base_bodies and rubbing <= {"coulomb"}
 
@@ -131,7 +142,20 @@ def _passages(omega: Array, slow: float, least: float, doubtful: NDArray[np.bool
 
 
 def samples_at(doubtful: NDArray[np.bool_], substeps: int) -> NDArray[np.bool_]:
-    """Samples whose triangular weight touches a doubtful point; the ends too; (fine,) -> (n,)."""
+    """Samples whose triangular weight touches a doubtful point; the ends too.
+
+    Parameters
+    ----------
+    doubtful : ndarray, (fine,) of bool
+        On the fine grid.
+    substeps : int
+        Fine steps a sample.
+
+    Returns
+    -------
+    ndarray, (n,) of bool
+        By sample.
+    """
     inside = np.any(np.lib.stride_tricks.sliding_window_view(doubtful, substeps + 1)[::substeps], axis=1)
     touched = np.ones(len(doubtful) // substeps + 1, dtype=np.bool_)
     touched[1:-1] = inside[:-1] | inside[1:]

@@ -398,9 +398,21 @@ def rebuild_motion(
 
 
 def start_offset(model: Model, motion: FineMotion) -> float:
-    """Largest stretch of the belt at the start, m: at rest no more than the friction of the carriage holds.
+    """Largest stretch of the belt at the start: at rest no more than the friction of the carriage holds.
 
     Without this bound a stretch of half a millimetre lets the carriage ring before anything counts, and where it then sticks is chance.
+
+    Parameters
+    ----------
+    model : Model
+        With its friction.
+    motion : FineMotion
+        Of the segment.
+
+    Returns
+    -------
+    float, m
+        0 without a carriage.
     """
     if "cart" not in model.base_bodies:
         return 0.0
@@ -413,12 +425,38 @@ def start_offset(model: Model, motion: FineMotion) -> float:
 
 
 def with_observer(segment: Segment, model: Model) -> Segment:
-    """The segment with the observer that a model with a gap needs, or without one."""
+    """The segment with the observer that a model with a gap needs, or without one.
+
+    Parameters
+    ----------
+    segment : Segment
+        With its noise.
+    model : Model
+        That it is made for.
+
+    Returns
+    -------
+    Segment
+        A new one.
+    """
     return with_observers([segment], [model])[0]
 
 
 def with_observers(segments: Sequence[Segment], models: Sequence[Model]) -> list[Segment]:
-    """Several segments with the observers that their models need, each for a model of its own; the effects of all are the same."""
+    """Several segments with the observers that their models need, each for a model of its own; the effects of all are the same.
+
+    Parameters
+    ----------
+    segments : sequence of Segment
+        With their noise.
+    models : sequence of Model
+        One for each.
+
+    Returns
+    -------
+    list of Segment
+        In their order.
+    """
     if not models or not needs_observer(models[0]):
         return [segment if segment.observer is None else replace(segment, observer=None) for segment in segments]
     observers = []
@@ -442,7 +480,24 @@ def evaluate(segment: Segment, model: Model, vector: Array, offset_m: float = 0.
 
 
 def evaluate_each(segment: Segment, model: Model, vectors: Sequence[Array], offsets_m: Sequence[float]) -> list[Array]:
-    """Residual e[n] of a segment without an observer for several vectors of parameters side by side, (n,) each."""
+    """Residual e[n] of a segment without an observer for several vectors of parameters side by side.
+
+    Parameters
+    ----------
+    segment : Segment
+        Without an observer.
+    model : Model
+        For effects and bodies.
+    vectors : sequence of ndarray, (k,)
+        Values of the parameters.
+    offsets_m : sequence of float, m
+        Stretch of the belt at the start, for each.
+
+    Returns
+    -------
+    list of ndarray, (n,)
+        N m at the motor shaft.
+    """
     left = torque_residuals(model, segment.motion, segment.torque, vectors, offsets_m)
     if segment.turns is None:
         return left
@@ -451,14 +506,46 @@ def evaluate_each(segment: Segment, model: Model, vectors: Sequence[Array], offs
 
 
 def whitened_residual(segment: Segment, model: Model, vector: Array, offset_m: float = 0.0) -> Array:
-    """Residual of the kept samples in units of its own noise: independent, variance 1 where the model is right."""
+    """Residual of the kept samples in units of its own noise: independent, variance 1 where the model is right.
+
+    Parameters
+    ----------
+    segment : Segment
+        With or without an observer.
+    model : Model
+        For effects and bodies.
+    vector : ndarray, (k,)
+        Values of the parameters.
+    offset_m : float, m
+        Stretch of the belt at the start; unused with an observer.
+
+    Returns
+    -------
+    ndarray, (kept,)
+        In units of its noise.
+    """
     if segment.observer is not None:
         return observed_residuals([segment], model, [vector])[0]
     return in_noise(segment, model, vector, evaluate(segment, model, vector, offset_m))
 
 
 def squares_left(piece: Segment, model: Model, vector: Array) -> Array:
-    """Squared whitened residual of a segment that the model was not fitted to; only where its carriage stuck at the start is."""
+    """Squared whitened residual of a segment that the model was not fitted to; only where its carriage stuck at the start is.
+
+    Parameters
+    ----------
+    piece : Segment
+        Of a record that is not fitted.
+    model : Model
+        For effects and bodies.
+    vector : ndarray, (k,)
+        Values of the parameters.
+
+    Returns
+    -------
+    ndarray, (kept,)
+        1 in the mean where the model is right.
+    """
 
     def cost(offset_m: float) -> float:
         return float(np.sum(np.minimum(whitened_residual(piece, model, vector, offset_m) ** 2, OUTLIER)))
@@ -468,15 +555,44 @@ def squares_left(piece: Segment, model: Model, vector: Array) -> Array:
 
 
 def observed_residuals(segments: Sequence[Segment], model: Model, vectors: Sequence[Array]) -> list[Array]:
-    """Whitened residuals of segments with observers, each with a vector of its own."""
+    """Whitened residuals of segments with observers, each with a vector of its own.
+
+    Parameters
+    ----------
+    segments : sequence of Segment
+        All with observers.
+    model : Model
+        For effects and bodies.
+    vectors : sequence of ndarray, (k,)
+        Values of the parameters, one for each observation.
+
+    Returns
+    -------
+    list of ndarray, (kept,)
+        In units of their noise.
+    """
     whites = innovations([one for segment in segments for one in segment.observations], model, vectors)
     return [segment.group_sums(white[segment.keep]) for segment, (white, _) in zip(segments, whites, strict=True)]
 
 
 def in_noise(segment: Segment, model: Model, vector: Array, torque: Array) -> Array:
-    """A torque, N m, (n,), of the kept samples in units of the residual's noise; linear in the torque.
+    """A torque in units of the residual's noise; linear in the torque.
 
-    With a whitener worked out beforehand several torques at once, (n, k) -> (kept, k).
+    Parameters
+    ----------
+    segment : Segment
+        For its samples and noise.
+    model : Model
+        By which the noise is passed on.
+    vector : ndarray, (k,)
+        Values of its parameters.
+    torque : ndarray, (n,) or (n, m), N m
+        Several at once with a whitener worked out beforehand alone.
+
+    Returns
+    -------
+    ndarray, (kept,) or (kept, m)
+        Of the kept samples.
     """
     if segment.observer is not None or not (segment.own_noise or segment.whitener is None):
         return segment.white(torque)
@@ -489,15 +605,44 @@ def in_noise(segment: Segment, model: Model, vector: Array, torque: Array) -> Ar
 
 
 def whitener_of(segment: Segment, model: Model) -> Whitener:
-    """The filter of a segment for the noise that a model passes on."""
+    """The filter of a segment for the noise that a model passes on.
+
+    Parameters
+    ----------
+    segment : Segment
+        For its samples and noise.
+    model : Model
+        By which the noise is passed on.
+
+    Returns
+    -------
+    Whitener
+        Kalman filter with the gains of the segment.
+    """
     return whitener(segment.keep, noise_paths_of(segment, model), segment.step_rad, segment.noise_nm, segment.rounding, segment.colour)
 
 
 def group_starts(keep: NDArray[np.bool_], size: int) -> NDArray[np.intp]:
-    """Places, among the kept samples, of the first of every ``size`` neighbours in time.
+    """Places, among the kept samples, of the first of every so many neighbours in time.
 
     The sum of neighbouring values of the whitened residual over √size is white again and holds the lower 1/size of the frequencies: above
-    that a slow motion shows nothing but the encoder's rounding.   Source: Haar's low-pass.
+    that a slow motion shows nothing but the encoder's rounding.
+
+    Parameters
+    ----------
+    keep : ndarray, (n,) of bool
+        Samples that count.
+    size : int
+        Neighbours.
+
+    Returns
+    -------
+    ndarray of int
+        A group that is not complete is left out.
+
+    References
+    ----------
+    Haar's low-pass.
     """
     kept = np.flatnonzero(keep)
     begins = np.flatnonzero(np.diff(kept, prepend=-2) > 1)
@@ -519,7 +664,20 @@ def _sum_groups(single: Array, firsts: NDArray[np.intp], size: int, out: Array) 
 
 
 def noise_paths_of(segment: Segment, model: Model) -> NoiseSchedule:
-    """Paths of torque noise and rounding to the residual of a segment."""
+    """Paths of torque noise and rounding to the residual of a segment.
+
+    Parameters
+    ----------
+    segment : Segment
+        For its places and load.
+    model : Model
+        By which the noise is passed on.
+
+    Returns
+    -------
+    NoiseSchedule
+        Which path holds at each sample.
+    """
     motion, model = segment.motion, loaded_model(model, segment.motion.mounted)
     places = motion.theta[:: motion.substeps] * model["transmission.ratio"]
     return noise_schedule(model, places, motion.sample_s, stiffness_left(model, motion))

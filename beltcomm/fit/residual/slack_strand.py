@@ -18,10 +18,22 @@ STRETCHES, DOUBLED = 2001, 8
 
 
 def stiffness_left(model: Model, motion: FineMotion) -> Array | None:
-    """Slope of the belt's law at the stretch that carries the load of each sample, (n,): 1 with both strands tight.
+    """Share of the belt's stiffness that holds the carriage at each sample: 1 with both strands tight.
 
-    None where no strand goes slack.  A gap is no such law: its carriage is followed (``observer``).  The belt is taken to be as stiff
-    everywhere as in the middle of the way, and its damping to carry nothing: this is asked for the noise only.
+    It is the slope of the belt's law at the stretch that carries the load.  A gap is no such law: its carriage is followed (``observer``).
+    The belt is taken to be as stiff everywhere as in the middle of the way, and its damping to carry nothing: it is asked for the noise only.
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+    motion : FineMotion
+        Of a segment.
+
+    Returns
+    -------
+    ndarray (n,) or None
+        None where no strand goes slack.
     """
     laws = [e for e in model.effect_list() if e.slot == "belt_law" and not e.rattles]
     if not laws or "cart" not in model.base_bodies:

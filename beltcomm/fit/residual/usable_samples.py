@@ -29,7 +29,20 @@ RUN_IN_S = 0.2
 
 
 def resting_samples(motion: FineMotion, stick_speed: float) -> NDArray[np.bool_]:
-    """Samples whose triangular weight (one period before and after) touches a reversal or a speed below the stick speed."""
+    """Samples whose triangular weight (one period before and after) touches a reversal or a speed below the stick speed.
+
+    Parameters
+    ----------
+    motion : FineMotion
+        Of a segment.
+    stick_speed : float, rad/s
+        Of the motor.
+
+    Returns
+    -------
+    ndarray, (n,) of bool
+        True at the ends.
+    """
     n, m = motion.samples, motion.substeps
     omega = motion.omega if motion.creep is None else motion.creep[1]
     inside = np.lib.stride_tricks.sliding_window_view(omega, m + 1)[::m]
@@ -41,11 +54,25 @@ def resting_samples(motion: FineMotion, stick_speed: float) -> NDArray[np.bool_]
 
 
 def creeping_samples(position: Array, sample_s: float, step_rad: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Samples around which the motor goes on in one direction, however slowly, and those of them where it does so evenly, (n,) each.
+    """Samples around which the motor goes on in one direction, however slowly, and those of them where it does so evenly.
 
     In each of the two spans of time before and after it, it gets on by several steps of the encoder, nowhere there back by one, and
     nowhere stops for half of one, as if stuck: then friction is known to act against it.   A motor that cogs goes on unevenly; what its
     speed is there the samples must say.
+
+    Parameters
+    ----------
+    position : ndarray, (n,), rad
+        Motor.
+    sample_s : float, s
+        Sample period.
+    step_rad : float, rad
+        Step of the encoder.
+
+    Returns
+    -------
+    tuple of ndarray, (n,) of bool
+        Both without any for a record that is too short.
     """
     n, w = len(position), max(2, round(CREEP_S / sample_s))
     found, even = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
@@ -133,9 +160,23 @@ def _deviation(path: Array, begins: NDArray[np.intp], span: int) -> Array:
 
 
 def creep_motion(motion: FineMotion, position: Array, creeps: NDArray[np.bool_]) -> tuple[Array, Array] | None:
-    """Angle, rad, and speed, rad/s, on the fine grid, even over the span of time in which the motor creeps; None where it does nowhere.
+    """Motion on the fine grid, even over the span of time in which the motor creeps.
 
     Between two steps of the encoder the angle stands, and friction would seem to turn with every step.
+
+    Parameters
+    ----------
+    motion : FineMotion
+        Of a segment.
+    position : ndarray, (n,), rad
+        As it was read.
+    creeps : ndarray, (n,) of bool
+        Where it creeps.
+
+    Returns
+    -------
+    tuple of ndarray (fine,), or None
+        rad and rad/s; None where it creeps nowhere.
     """
     if not creeps.any():
         return None
@@ -165,7 +206,20 @@ def samples_between_counts(angle: Array, position: Array, step_rad: float) -> ND
 
 
 def run_in_samples(motion: FineMotion, ratio: float) -> NDArray[np.bool_]:
-    """Samples after the carriage has first moved far enough to have forgotten where it stuck."""
+    """Samples after the carriage has first moved far enough to have forgotten where it stuck.
+
+    Parameters
+    ----------
+    motion : FineMotion
+        Of a segment.
+    ratio : float, m/rad
+        Of the transmission.
+
+    Returns
+    -------
+    ndarray, (n,) of bool
+        All False for a motion that is too short.
+    """
     travel = np.abs(motion.theta[:: motion.substeps] - motion.theta[0]) * ratio
     moved = np.flatnonzero(travel > RUN_IN_TRAVEL_M)
     done = np.zeros(motion.samples, dtype=bool)
