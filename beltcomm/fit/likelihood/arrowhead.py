@@ -37,18 +37,51 @@ class ArrowheadJacobian:
         return int(self.columns.shape[1]) - 1
 
     def weighted_rows(self, weights: Array) -> ArrowheadJacobian:
-        """Every row times its weight, (n,)."""
+        """Every row times its weight, (n,).
+
+        Parameters
+        ----------
+        weights : ndarray, (n,)
+            One for each row.
+
+        Returns
+        -------
+        ArrowheadJacobian
+            A new one.
+        """
         return ArrowheadJacobian(self.columns * weights[:, None], self.ends)
 
     def times(self, y: Array) -> Array:
-        """J y, (k + m,) -> (n,)."""
+        """J y, (k + m,) -> (n,).
+
+        Parameters
+        ----------
+        y : ndarray, (k + m,)
+            Shared unknowns, then one for each segment.
+
+        Returns
+        -------
+        ndarray, (n,)
+            J y.
+        """
         moved = self.columns[:, :-1] @ y[: self.own]
         for i, here in enumerate(self.segments()):
             moved[here] += self.columns[here, -1] * y[self.own + i]
         return np.asarray(moved)
 
     def transpose_times(self, right: Array) -> Array:
-        """Jᵀ right, (n,) -> (k + m,) or (n, c) -> (k + m, c)."""
+        """Jᵀ right, (n,) -> (k + m,) or (n, c) -> (k + m, c).
+
+        Parameters
+        ----------
+        right : ndarray, (n,) or (n, c)
+            One or several columns.
+
+        Returns
+        -------
+        ndarray, (k + m,) or (k + m, c)
+            Jᵀ right.
+        """
         border = [self.columns[here, -1] @ right[here] for here in self.segments()]
         return np.concatenate((self.columns[:, :-1].T @ right, np.reshape(border, (len(border), *right.shape[1:]))))
 
@@ -69,7 +102,18 @@ class ArrowheadJacobian:
 
 
 def arrowhead(inner: Array, edges: Array) -> Array:
-    """The whole symmetric matrix, (k + m, k + m), from its corner, (k, k), and the rows of its border with their diagonal, (m, k + 1)."""
+    """The whole symmetric matrix from its corner and its border.
+
+    Parameters
+    ----------
+    inner, edges : ndarray, (k, k) and (m, k + 1)
+        The corner, and the rows of the border with their diagonal.
+
+    Returns
+    -------
+    ndarray, (k + m, k + m)
+        Zero between the segments.
+    """
     k, m = len(inner), len(edges)
     whole = np.zeros((k + m, k + m))
     whole[:k, :k] = inner

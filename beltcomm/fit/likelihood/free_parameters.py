@@ -16,7 +16,20 @@ Touch = Literal["inertia", "motor", "belt", "path", "all"]
 
 
 def part_touched(model: Model, name: str) -> Touch:
-    """Part of the equation of motion in which a parameter stands."""
+    """Part of the equation of motion in which a parameter stands.
+
+    Parameters
+    ----------
+    model : Model
+        That has the parameter.
+    name : str
+        Full name.
+
+    Returns
+    -------
+    Touch
+        "all" where it stands in more than one.
+    """
     of_load = any(name in e.full_names() for e in model.effect_list() if e.slot == "load_of_record")
     name = carrying(model) if of_load else name
     if name == "motor.inertia" or (name == "cart.mass" and model.rigid):
@@ -37,13 +50,39 @@ def part_touched(model: Model, name: str) -> Touch:
 
 
 def touches_noise(model: Model, name: str) -> bool:
-    """True if the noise's path to the residual goes with a parameter: all but those of friction that has one level while it slides."""
+    """True if the noise's path to the residual goes with a parameter: all but those of friction that has one level while it slides.
+
+    Parameters
+    ----------
+    model : Model
+        That has the parameter.
+    name : str
+        Full name.
+
+    Returns
+    -------
+    bool
+        True for a parameter of no effect.
+    """
     slots = {effect.slot for effect in model.effect_list() if name in (*effect.full_names(), *effect.uses)}
     return not slots or not slots <= {"friction_level", "sensor", "external"}
 
 
 def free_parameters(model: Model, fixed: Sequence[str] = ("transmission.ratio",)) -> tuple[str, ...]:
-    """Names of the parameters that a fit moves: not those fixed, known beforehand or without room between their bounds."""
+    """Names of the parameters that a fit moves: not those fixed, known beforehand or without room between their bounds.
+
+    Parameters
+    ----------
+    model : Model
+        With bounds.
+    fixed : sequence of str
+        That do not move.
+
+    Returns
+    -------
+    tuple of str
+        In the order of the model.
+    """
     known = set(fixed)
     for name in model.effects:
         effect = effect_named(name)

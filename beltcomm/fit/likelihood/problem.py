@@ -165,7 +165,20 @@ class Problem:
         return int(self.ends[-1])
 
     def start(self, offsets: Array | None = None, model: Model | None = None) -> Array:
-        """The unknowns at a model's values, those of the problem's own without one."""
+        """The unknowns at a model's values, those of the problem's own without one.
+
+        Parameters
+        ----------
+        offsets : ndarray (segments,) or None
+            Scaled start offsets; 0 without.
+        model : Model or None
+            Whose values they are; the problem's own without.
+
+        Returns
+        -------
+        ndarray, (unknowns,)
+            Within the bounds.
+        """
         x = np.zeros(len(self.scale))
         x[: len(self.free)] = (self.vector if model is None else model.vector())[self.places] / self.scale[: len(self.free)]
         if offsets is not None and self.movable:
@@ -173,17 +186,52 @@ class Problem:
         return np.asarray(np.clip(x, self.low, self.high))
 
     def offsets(self, x: Array) -> Array:
-        """The scaled start offsets among the unknowns."""
+        """The scaled start offsets among the unknowns.
+
+        Parameters
+        ----------
+        x : ndarray, (unknowns,)
+            Scaled.
+
+        Returns
+        -------
+        ndarray, (segments,)
+            Empty where nothing moves at the start.
+        """
         return x[len(self.free) :]
 
     def full(self, x: Array) -> Array:
-        """The parameter vector of the model."""
+        """The parameter vector of the model.
+
+        Parameters
+        ----------
+        x : ndarray, (unknowns,)
+            Scaled.
+
+        Returns
+        -------
+        ndarray, (k,)
+            In the units of the model.
+        """
         vector = self.vector.copy()
         vector[self.places] = (x * self.scale)[: len(self.free)]
         return vector
 
     def model_at(self, x: Array, origin: str) -> Model:
-        """The model with the free parameters at x."""
+        """The model with the free parameters at x.
+
+        Parameters
+        ----------
+        x : ndarray, (unknowns,)
+            Scaled.
+        origin : str
+            Noted with the values.
+
+        Returns
+        -------
+        Model
+            Without intervals of these.
+        """
         values = (x * self.scale)[: len(self.free)]
         # Scaling and back may miss a bound by a rounding.
         bounds = [self.model.parameters[name] for name in self.free]
@@ -252,11 +300,35 @@ class Problem:
         return self.balance(i, x, offset_m)
 
     def residual(self, x: Array) -> Array:
-        """Whitened residual of all pieces, (n,)."""
+        """Whitened residual of all pieces, (n,).
+
+        Parameters
+        ----------
+        x : ndarray, (unknowns,)
+            Scaled.
+
+        Returns
+        -------
+        ndarray, (n,)
+            Segment after segment.
+        """
         return np.concatenate([self.one(i, x) for i in range(len(self.pieces))])
 
     def jacobian(self, x: Array, only: Sequence[int] | None = None) -> ArrowheadJacobian:
-        """One-sided differences; ``only`` : unknowns that are asked for, the columns of others stay 0."""
+        """Jacobian of the whitened residual by one-sided differences.
+
+        Parameters
+        ----------
+        x : ndarray, (unknowns,)
+            Scaled.
+        only : sequence of int or None
+            Unknowns that are asked for; the columns of others stay 0.
+
+        Returns
+        -------
+        ArrowheadJacobian
+            (n, unknowns).
+        """
         own = len(self.free)
         columns = np.zeros((self.samples, own + 1))
         offsets = OFFSET_M * x[own:] if self.movable else np.zeros(len(self.pieces))
@@ -317,12 +389,36 @@ class Problem:
         return step, ahead
 
     def block_means(self, residual: Array) -> Array:
-        """Mean square of every block, (blocks,); infinite where a trial runs away."""
+        """Mean square of every block, (blocks,); infinite where a trial runs away.
+
+        Parameters
+        ----------
+        residual : ndarray, (n,)
+            Whitened.
+
+        Returns
+        -------
+        ndarray, (blocks,)
+            inf where a trial runs away.
+        """
         with np.errstate(over="ignore"):
             return np.asarray(np.bincount(self.blocks, residual**2) / np.maximum(self.count, 1.0))
 
     def objective(self, residual: Array, x: Array) -> float:
-        """O of the module; inf where a body flew off, or where rounding alone would make it."""
+        """O of the module; inf where a body flew off, or where rounding alone would make it.
+
+        Parameters
+        ----------
+        residual : ndarray, (n,)
+            Whitened, at ``x``.
+        x : ndarray, (unknowns,)
+            Scaled.
+
+        Returns
+        -------
+        float
+            -2 ln likelihood but for a constant.
+        """
         bias = self.bias(self.full(x))
         if not np.all(np.isfinite(bias)):
             return math.inf
@@ -332,7 +428,18 @@ class Problem:
         return total if math.isfinite(total) else math.inf
 
     def weights(self, residual: Array) -> Array:
-        """Square root of φ'(c) of every sample's block, (n,)."""
+        """Square root of φ'(c) of every sample's block, (n,).
+
+        Parameters
+        ----------
+        residual : ndarray, (n,)
+            Whitened.
+
+        Returns
+        -------
+        ndarray, (n,)
+            1 at most.
+        """
         return np.asarray((1.0 / np.sqrt(np.maximum(1.0, self.block_means(residual))))[self.blocks])
 
     def rounding_derivatives(self, x: Array) -> tuple[Array, Array]:
@@ -415,7 +522,20 @@ def hopeless(above: float, gain: float, left: int) -> bool:
 
 
 def time_blocks(pieces: Sequence[Segment], seconds: float) -> NDArray[np.int64]:
-    """Running number of the time block of every value of the residual, blocks never crossing a segment."""
+    """Running number of the time block of every value of the residual, blocks never crossing a segment.
+
+    Parameters
+    ----------
+    pieces : sequence of Segment
+        One after the other.
+    seconds : float, s
+        Length of a block.
+
+    Returns
+    -------
+    ndarray, (n,) of int
+        From 0.
+    """
     labels, first = [], 0
     for piece in pieces:
         block = piece.value_samples // max(int(seconds / piece.motion.sample_s), 1)
