@@ -62,21 +62,58 @@ def next_to_hold(fitted: Fitted, sheet: Model) -> str | None:
 
 
 def hold(model: Model, sheet: Model, name: str) -> Model:
-    """The model with a parameter held at the data sheet."""
+    """The model with a parameter held at the data sheet.
+
+    Parameters
+    ----------
+    model : Model
+        As fitted.
+    sheet : Model
+        By the data sheets.
+    name : str
+        Full name, one of :data:`TOLERANCES`.
+
+    Returns
+    -------
+    Model
+        With the tolerance as its interval.
+    """
     value = sheet[name]
     item = replace(model.parameters[name], value=value, low=value, high=value, interval=TOLERANCES[name] * value, origin=HELD)
     return replace(model, parameters={**model.parameters, name: item})
 
 
 def released(model: Model) -> Model:
-    """The model with what was held at the data sheet free again, within the range of its kind."""
+    """The model with what was held at the data sheet free again, within the range of its kind.
+
+    Parameters
+    ----------
+    model : Model
+        With or without such parameters.
+
+    Returns
+    -------
+    Model
+        Without intervals of these.
+    """
     held = {name: RANGES[name] for name, item in model.parameters.items() if item.origin == HELD}
     free = {n: replace(model.parameters[n], low=r.low, high=r.high, interval=None, origin="data sheet") for n, r in held.items()}
     return replace(model, parameters={**model.parameters, **free})
 
 
 def held_remarks(model: Model) -> list[str]:
-    """Sentences on the parameters that are held."""
+    """Sentences on the parameters that are held.
+
+    Parameters
+    ----------
+    model : Model
+        With or without such parameters.
+
+    Returns
+    -------
+    list of str
+        One for each.
+    """
     held = [(name, item) for name, item in model.parameters.items() if item.origin == HELD and item.interval is not None]
     return [
         f"these records do not tell {name}: the data sheet's {item.value:.4g} ± {item.interval:.2g} {item.unit} was taken; an excitation "

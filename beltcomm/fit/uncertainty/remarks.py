@@ -25,6 +25,16 @@ def upper_limit(estimate: float, deviation: float) -> float:
     """Upper 95 % limit of a quantity that cannot be negative, seen as estimate ± deviation (normal, cut off at 0).
 
     Φ((estimate - limit)/deviation) = 0.05 Φ(estimate/deviation)
+
+    Parameters
+    ----------
+    estimate, deviation : float
+        In one unit.
+
+    Returns
+    -------
+    float
+        In their unit.
     """
     return float(estimate - deviation * ndtri_exp(math.log(0.05) + log_ndtr(estimate / deviation)))
 
@@ -73,7 +83,22 @@ def _none_seen(name: str, item: Value, estimate: float, deviation: float) -> str
 
 
 def remarks_on_pairs(names: Sequence[str], items: Sequence[Value], correlation: Array) -> list[str]:
-    """Pairs of parameters, one of them badly known, that the data tell apart badly, in words."""
+    """Pairs of parameters, one of them badly known, that the data tell apart badly, in words.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Full names.
+    items : sequence of Value
+        With intervals.
+    correlation : ndarray, (k, k)
+        Of their estimates.
+
+    Returns
+    -------
+    list of str
+        A sentence for each pair.
+    """
     badly = [item.interval is not None and item.interval > BADLY_KNOWN_SHARE * abs(item.value) for item in items]
     return [
         f"{names[i]} and {names[j]} cannot be separated (correlation {correlation[i, j]:+.2f})"
