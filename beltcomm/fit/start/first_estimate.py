@@ -131,6 +131,20 @@ def build_for(axis: Axis, effects: Sequence[str], values: Mapping[str, float]) -
 
     The bounds of the effects are those of belts; of another kind they have room for its sizes, by its travel per radian.  Of a rigid axis
     a motion shows the sum of motor and load: what the data sheet knows of the motor stands.
+
+    Parameters
+    ----------
+    axis : Axis
+        Of any kind.
+    effects : sequence of str
+        Names.
+    values : mapping of str to float
+        By full parameter name.
+
+    Returns
+    -------
+    Model
+        With bounds that suit the axis.
     """
     if axis.transmission is None:
         return build_model(axis.name, effects, values, origin="data sheet")
@@ -247,7 +261,18 @@ def first_estimate(
 
 
 def masses_tried(start: Model) -> Array:
-    """Loads of the grid, kg: those of belt axes, or between the bounds that a data sheet of another kind gives."""
+    """Loads of the grid: those of belt axes, or between the bounds that a data sheet of another kind gives.
+
+    Parameters
+    ----------
+    start : Model
+        By the data sheets.
+
+    Returns
+    -------
+    ndarray
+        kg, rising.
+    """
     item, usual = start.parameters["cart.mass"], BASE_BODIES["cart"].inertia
     return MASSES_KG if (item.low, item.high) == (usual.low, usual.high) else np.geomspace(item.low, item.high, len(MASSES_KG))
 
@@ -272,7 +297,22 @@ def _lowest(rests: Array, number: int) -> list[tuple[int, int]]:
 
 
 def moves_enough(recording: Recording, model: Model, counts_per_rev: int) -> bool:
-    """True if a record has enough moving samples for a first estimate."""
+    """True if a record has enough moving samples for a first estimate.
+
+    Parameters
+    ----------
+    recording : Recording
+        Short, excited.
+    model : Model
+        By the data sheets.
+    counts_per_rev : int
+        Of the encoder.
+
+    Returns
+    -------
+    bool
+        By the rows alone where these come seldom.
+    """
     if comes_seldom(recording):
         return clearly_moves(recording, counts_per_rev)
     noise = torque_noise([recording])
@@ -286,6 +326,24 @@ def legible_stretches(
 
     That is so where the encoder is too coarse to show the acceleration from row to row, or the motor swings on a held carriage between
     two rows.  Then samples count that are away from a reversal by the reach of the filter, over which it smears the friction.
+
+    Parameters
+    ----------
+    recording : Recording
+        Short, excited.
+    model : Model
+        By the data sheets.
+    step_rad : float, rad
+        Step of the encoder.
+    noise_nm : float
+        Of the torque, N m rms.
+    path : TorquePath or None
+        To the torque that acts; None takes the reading.
+
+    Returns
+    -------
+    list of Segment
+        Of its gapless pieces.
     """
     sample = recording.sample_period_s
     swings = 0.0 if model.rigid else model["transmission.ratio"] * math.sqrt(model["belt_stiffness.stiffness"] / model["motor.inertia"])

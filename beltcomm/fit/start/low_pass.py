@@ -22,18 +22,59 @@ REACH = 4.0
 
 
 def widths(sample_s: float) -> Array:
-    """Standard deviations of the Gaussian that are tried, in samples, the narrowest first."""
+    """Standard deviations of the Gaussian that are tried, in samples, the narrowest first.
+
+    Parameters
+    ----------
+    sample_s : float, s
+        Sample period.
+
+    Returns
+    -------
+    ndarray
+        Rising.
+    """
     return 1.0 / (TAU * sample_s * np.geomspace(HIGHEST_CUT / sample_s, LOWEST_CUT_HZ, CUTS))
 
 
 def smooth(values: Array, width: float) -> Array:
-    """A signal behind the low-pass, (n,); its ends go on straight."""
+    """A signal behind the low-pass, (n,); its ends go on straight.
+
+    Parameters
+    ----------
+    values : ndarray, (n,)
+        Any unit.
+    width : float
+        Standard deviation of the Gaussian, samples.
+
+    Returns
+    -------
+    ndarray, (n,)
+        In their unit.
+    """
     slope = np.linspace(values[0], values[-1], len(values))
     return np.asarray(gaussian_filter1d(values - slope, width, mode="nearest") + slope)
 
 
 def legible(position: Array, sample_s: float, step: float, share: float = ROUNDING_SHARE) -> tuple[float, Array]:
-    """Width, in samples, at which the rounding of the acceleration, σ² = q²/12 2 T (2π)⁴ f⁵/5, is a share of it, and the smooth angle."""
+    """The narrowest low-pass at which the rounding of the acceleration, σ² = q²/12 2 T (2π)⁴ f⁵/5, is a small share of it.
+
+    Parameters
+    ----------
+    position : ndarray, (n,), rad
+        As it was read.
+    sample_s : float, s
+        T.
+    step : float, rad
+        q, step of the encoder.
+    share : float
+        Of the acceleration.
+
+    Returns
+    -------
+    tuple of float and ndarray (n,)
+        Width in samples, and the smooth angle, rad.
+    """
     for width in widths(sample_s):
         angle = smooth(position, width)
         cut_hz = 1.0 / (TAU * width * sample_s)
@@ -44,5 +85,18 @@ def legible(position: Array, sample_s: float, step: float, share: float = ROUNDI
 
 
 def fine(position: Array, step: float) -> bool:
-    """True if the angle needs no smoothing: the rounding of its second differences, σ² = q²/2, is less than a tenth of them."""
+    """True if the angle needs no smoothing: the rounding of its second differences, σ² = q²/2, is less than a tenth of them.
+
+    Parameters
+    ----------
+    position : ndarray, (n,), rad
+        As it was read.
+    step : float, rad
+        q, step of the encoder.
+
+    Returns
+    -------
+    bool
+        For the whole record.
+    """
     return step * math.sqrt(0.5) < ROUNDING_SHARE * float(np.std(np.diff(position, 2)))

@@ -33,6 +33,18 @@ ANCHOR_OFF, ANCHOR_ERROR, ANCHOR_DYNAMIC, ANCHOR_LOST = 1.2, 0.1, 0.5, 2.0
 def start_model(axis: Axis, recordings: Sequence[Recording]) -> Model:
     """The base model with start values found from the records to be fitted, and with the loads that they name.
 
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    recordings : sequence of Recording
+        Of a run.
+
+    Returns
+    -------
+    Model
+        Start values of a fit.
+
     Raises
     ------
     DataError
@@ -59,7 +71,20 @@ def _base_start(axis: Axis, recordings: Sequence[Recording]) -> Model:
 
 
 def data_sheet(axis: Axis, recordings: Sequence[Recording]) -> Model | None:
-    """The data sheets in the middle of where records were made; None for an axis without a belt, whose inertia no data sheet knows."""
+    """The data sheets in the middle of where records were made; None for an axis without a belt, whose inertia no data sheet knows.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    recordings : sequence of Recording
+        Of a run.
+
+    Returns
+    -------
+    Model or None
+        Without friction.
+    """
     usable = [r for r in recordings if not (r.is_static_map or r.sidecar.held_out)]
     if not is_belt_axis(axis, usable):
         return None
@@ -69,14 +94,38 @@ def data_sheet(axis: Axis, recordings: Sequence[Recording]) -> Model | None:
 
 
 def knows_stiffness(axis: Axis) -> bool:
-    """True if the data sheets say how stiff it is between motor and load."""
+    """True if the data sheets say how stiff it is between motor and load.
+
+    Parameters
+    ----------
+    axis : Axis
+        Of any kind.
+
+    Returns
+    -------
+    bool
+        False for a rigid axis.
+    """
     if axis.transmission is not None:
         return not axis.rigid
     return axis.get("belt.specific_stiffness_n") is not None and axis.get("belt.pulley_distance_m") is not None
 
 
 def sheet_model(axis: Axis, place_m: float) -> Model:
-    """The data sheets at a place of the carriage, with what the axis file leaves open as it usually is; no friction."""
+    """The data sheets at a place of the carriage, with what the axis file leaves open as it usually is; no friction.
+
+    Parameters
+    ----------
+    axis : Axis
+        Of any kind.
+    place_m : float, m
+        Carriage, for the stiffness of a belt.
+
+    Returns
+    -------
+    Model
+        With room where the data sheet says nothing.
+    """
     known_belt = knows_stiffness(axis)
     values = {
         "motor.inertia": axis.motor_side_inertia_kg_m2 if axis.get("motor.inertia_kg_m2") else USUAL["motor.inertia"],
@@ -95,7 +144,22 @@ def sheet_model(axis: Axis, place_m: float) -> Model:
 
 
 def belt_start(axis: Axis, excited: Sequence[Recording], counts_per_rev: int) -> Model:
-    """A belt axis with friction at both ends, found from the loudest record."""
+    """A belt axis with friction at both ends, found from the loudest record.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    excited : sequence of Recording
+        One at least.
+    counts_per_rev : int
+        Of the encoder.
+
+    Returns
+    -------
+    Model
+        Start values of a fit.
+    """
     record = max(excited, key=lambda r: float(np.std(r.torque)) * np.sqrt(len(r.t_s)))
     if axis.rigid:
         return rigid_estimate(sheet_model(axis, 0.0), [record])
@@ -112,6 +176,18 @@ def correct_by_slow_motion(found: Model, sheet: Model, recordings: Sequence[Reco
 
     A filter of the reading weakens the fast torque that a first estimate lives on, and so inertia, mass and stiffness by one factor; slow
     torque passes.  An encoder too coarse for the antiresonance makes any of them: then inertia and stiffness are the data sheet's.
+
+    Parameters
+    ----------
+    found, sheet : Model
+        First estimate, and data sheets.
+    recordings : sequence of Recording
+        Of a run.
+
+    Returns
+    -------
+    Model
+        ``found`` itself where slow motion shows nothing else.
     """
     told = [one for r in recordings if (one := rigid_inertia(r.t_s, r.torque, r.position)) is not None and one.inertia > 0.0]
     sure = [one for one in told if one.error < ANCHOR_ERROR * one.inertia and one.dynamic > ANCHOR_DYNAMIC]
@@ -132,12 +208,43 @@ def correct_by_slow_motion(found: Model, sheet: Model, recordings: Sequence[Reco
 
 
 def is_belt_axis(axis: Axis, recordings: Sequence[Recording]) -> bool:
-    """True if the records are taken at a motor that drives a belt."""
+    """True if the records are taken at a motor that drives a belt.
+
+    Parameters
+    ----------
+    axis : Axis
+        Of any kind.
+    recordings : sequence of Recording
+        Of a run.
+
+    Returns
+    -------
+    bool
+        By the data sheet's pulley.
+    """
     return axis.get("pulley.effective_radius_m") is not None and all(r.side == "motor" for r in recordings)
 
 
 def rigid_start(axis: Axis, recordings: Sequence[Recording]) -> Model:
-    """Inertia, viscous and Coulomb friction by least squares over all records; N m and rad, or N and m, or A and rad."""
+    """Inertia, viscous and Coulomb friction by least squares over all records; N m and rad, or N and m, or A and rad.
+
+    Parameters
+    ----------
+    axis : Axis
+        For the inertia of its motor.
+    recordings : sequence of Recording
+        All taken on one side.
+
+    Returns
+    -------
+    Model
+        Without a belt.
+
+    Raises
+    ------
+    DataError
+        For records of different sides, and for numbers that no axis has.
+    """
     if len({record.side for record in recordings}) > 1:
         raise DataError("the recordings of this run are taken on different sides (motor, load, ampere); put them into runs of their own")
     sheet = axis.get("motor.inertia_kg_m2") if recordings[0].side == "motor" else None

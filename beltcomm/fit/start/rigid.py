@@ -29,7 +29,20 @@ NOTHING = 1e-6
 
 
 def rigid_estimate(sheet: Model, recordings: Sequence[Recording]) -> Model:
-    """A load that moves with the motor rigidly, and the friction of both, by least squares over all records."""
+    """A load that moves with the motor rigidly, and the friction of both, by least squares over all records.
+
+    Parameters
+    ----------
+    sheet : Model
+        By the data sheets.
+    recordings : sequence of Recording
+        All that are fitted.
+
+    Returns
+    -------
+    Model
+        Within its bounds.
+    """
     inertia, viscous, coulomb = least_squares(recordings)
     found = {
         "cart.mass": (float(inertia) - sheet["motor.inertia"]) / sheet["transmission.ratio"] ** 2,
@@ -96,7 +109,22 @@ def _solved(rows: Array, torque: Array) -> tuple[Array, float]:
 
 
 def band_limited(position: Array, torque: Array, sample_s: float, step_rad: float) -> tuple[Array, Array, Array]:
-    """Rows (acceleration, speed, sign of the speed), (n, 3), torque and place, (n,), behind the same low-pass, without its ends."""
+    """Rows of the rigid equation of motion behind one low-pass, without its ends.
+
+    Parameters
+    ----------
+    position, torque : ndarray, (n,)
+        rad and N m, motor shaft.
+    sample_s : float, s
+        Sample period.
+    step_rad : float, rad
+        Step of the encoder.
+
+    Returns
+    -------
+    tuple of ndarray (m, 3), ndarray (m,), ndarray (m,)
+        Acceleration, speed and sign of the speed; torque; place.
+    """
     width, smooth_angle = legible(position, sample_s, step_rad)
     speed = np.gradient(smooth_angle, sample_s)
     acceleration = np.gradient(speed, sample_s)

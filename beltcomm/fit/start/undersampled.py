@@ -64,12 +64,36 @@ LAW = 0.003
 
 
 def comes_seldom(recording: Recording) -> bool:
-    """True if the rows of a record do not show how the motor swings between them, and it tells the torque that was asked for."""
+    """True if the rows of a record do not show how the motor swings between them, and it tells the torque that was asked for.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of any kind.
+
+    Returns
+    -------
+    bool
+        False in closed loop.
+    """
     return recording.sample_period_s > SELDOM_S and recording.torque_setpoint is not None and not recording.sidecar.closed_loop
 
 
 def clearly_moves(recording: Recording, counts_per_rev: int) -> bool:
-    """True if enough rows of a record show a motion."""
+    """True if enough rows of a record show a motion.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of any kind.
+    counts_per_rev : int
+        Of the encoder.
+
+    Returns
+    -------
+    bool
+        By steps from row to row.
+    """
     step = 2.0 * math.pi / counts_per_rev
     return int(np.sum(np.abs(np.diff(recording.position)) > CLEAR_STEPS * step)) >= FEWEST_ROWS
 
@@ -229,7 +253,20 @@ def _sandwich(rest: Array, slopes: Array, width: Array, scatter: float, records:
 
 
 def first_of_seldom(recordings: Sequence[Recording], start: Model) -> Model:
-    """A first estimate of mass, stiffness and friction from short records, whatever carriage it is."""
+    """A first estimate of mass, stiffness and friction from short records, whatever carriage it is.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Short, in open loop.
+    start : Model
+        By the data sheets.
+
+    Returns
+    -------
+    Model
+        The motor's inertia as it was.
+    """
     tries = [estimate(recordings, start.with_values({"cart.mass": mass}), LATE_S, FIRST) for mass in MASSES_KG]
     best = min(tries, key=lambda one: one.left_nm).model
     return start.with_values({name: best[name] for name in FIRST}, "first estimate")
