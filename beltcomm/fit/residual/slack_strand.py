@@ -21,7 +21,7 @@ def stiffness_left(model: Model, motion: FineMotion) -> Array | None:
     """Share of the belt's stiffness that holds the carriage at each sample: 1 with both strands tight.
 
     It is the slope of the belt's law at the stretch that carries the load.  A gap is no such law: its carriage is followed (``observer``).
-    The belt is taken to be as stiff everywhere as in the middle of the way, and its damping to carry nothing: it is asked for the noise only.
+    The belt is taken to be as stiff everywhere as in the middle of the way, and its damping to carry nothing: only the noise asks for it.
 
     Parameters
     ----------
