@@ -45,7 +45,7 @@ from beltcomm_adapters.sdo import SdoObjects
 from beltcomm_adapters.setpoints import Layout, Setpoints, layout_of
 from beltcomm_adapters.synctime import SyncTimeBus, keeps_time_by_sync
 from beltcomm_adapters.trial import AREA, tried
-from beltcomm_adapters.watch import Watch
+from beltcomm_adapters.watch import LimitWatch
 
 _PROFILE_VELOCITY: Final = 3
 _HOMING_PERIOD_S: Final = 0.010  # homing is watched, not sampled
@@ -295,7 +295,9 @@ class CanopenDrive(ObjectDrive):
                     exchange,
                     layout,
                     kind,
-                    Watch(limits, scaling, period_s, motion is not None, self._speed_unit if motion is not None else None, self._odometer),
+                    LimitWatch(
+                        limits, scaling, period_s, motion is not None, self._speed_unit if motion is not None else None, self._odometer
+                    ),
                     scaling,
                     period_s,
                     self._machine.fault,

@@ -29,7 +29,7 @@ from beltcomm_adapters.cia402 import (
 from beltcomm_adapters.exchange import Exchange, Sample
 from beltcomm_adapters.scaling import Scaling
 from beltcomm_adapters.setpoints import INTERPOLATED_MODES, POSITION_MODES, TORQUE_MODES, Frames, Layout, Setpoints, as_interpolated
-from beltcomm_adapters.watch import STOP_TIME_S, Watch
+from beltcomm_adapters.watch import STOP_TIME_S, LimitWatch
 
 #: Cycles without an answer that a recording survives; each leaves a gap in ``t_s``.
 TOLERATED_LOSSES: Final = 3
@@ -133,7 +133,7 @@ class Run:
         exchange: Exchange,
         layout: Layout,
         kind: str,
-        watch: Watch,
+        watch: LimitWatch,
         scaling: Scaling,
         period_s: float,
         fault: Callable[[str], DriveFault],
@@ -332,7 +332,8 @@ class Run:
                 travel += step
             if abs(travel) > width:
                 raise SafetyStop(
-                    f"homing has travelled {self._watch.way(abs(travel) * self._scaling.position_rad)} without finding its reference; the "
+                    f"homing has travelled {self._watch.in_words(abs(travel) * self._scaling.position_rad)} without finding "
+                    "its reference; the "
                     "axis was stopped; check the homing method (6098h) and the switch",
                     "position",
                 )

@@ -14,7 +14,7 @@ from beltcomm.drive import KnownMotor
 from beltcomm.errors import DriveError
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.sdo import Lending, Objects
-from beltcomm_adapters.units import Ground, RawUnit, coded, named
+from beltcomm_adapters.units import RawUnit, UnitSizes, coded, named
 
 _TURN: Final = 2.0 * math.pi
 _RPM: Final = _TURN / 60.0
@@ -135,16 +135,16 @@ def read_scaling(objects: Objects, profile: Profile, lending: Lending | None, na
         return Scaling(position, speed, acceleration, unit_nm, internal, torque_nm, current_a, said=tuple(said), reading_nm=reading_nm)
     counts = _counts(objects, profile, plate, said)
     position, metres, position_told = _position(objects, profile, counts)
-    ground = Ground(position, _TURN / counts if counts else None, metres)
+    sizes = UnitSizes(position, _TURN / counts if counts else None, metres)
     speed_unit, speed_told = _told(objects, 0x60A9, profile.velocity_unit, 1, RawUnit(1.0, "unit", 1), said)
-    speed = ground.si(speed_unit, "speed (60A9h)")
+    speed = sizes.si(speed_unit, "speed (60A9h)")
     same = RawUnit(speed_unit.value, speed_unit.of, 2)  # what most makers mean who tell nothing: the unit of speed, per second
     acceleration_unit, acceleration_told = _told(objects, 0x60AA, profile.acceleration_unit, 2, same, said)
     if not acceleration_told and speed_told and speed_unit.of == "rad":
         said.append(
             "the drive does not tell its unit of acceleration (60AAh): its unit of speed per second is taken, so look at how it stops"
         )
-    acceleration = ground.si(acceleration_unit, "acceleration (60AAh)")
+    acceleration = sizes.si(acceleration_unit, "acceleration (60AAh)")
     if profile.acceleration_unit is not None and not objects.read_if_there(0x60AA, 0, "uint32"):
         said += _quick_stop(objects, profile.acceleration_unit, acceleration, acceleration_unit.ramp)
     whole = counts or round(_TURN / abs(position))
@@ -243,7 +243,7 @@ def _position(objects: Objects, profile: Profile, counts: int | None) -> tuple[f
     if unit is not None and unit.of == "rad" and unit.per == 0:
         return unit.value * gear, None, True
     if profile.position_unit is not None:
-        return Ground(None, _TURN / counts if counts else None).si(named(profile.position_unit, 0), "position"), None, True
+        return UnitSizes(None, _TURN / counts if counts else None).si(named(profile.position_unit, 0), "position"), None, True
     if counts is None:
         raise DriveError(
             "the drive tells neither its encoder (608Fh) nor its feed (6092h), or its factor group stands at 1/1 as from the factory, so "

@@ -31,7 +31,7 @@ from beltcomm_adapters.scaling import Scaling
 from beltcomm_adapters.sdo import Lending
 from beltcomm_adapters.serial_objects import SerialObjects
 from beltcomm_adapters.serial_strokes import SerialStroke, Trapezoid
-from beltcomm_adapters.watch import Watch
+from beltcomm_adapters.watch import LimitWatch
 
 PROFILE_POSITION: Final = 1
 _INT32: Final = 2**31 - 1
@@ -193,7 +193,7 @@ class PolledRun:
             if late_s > self._arrival_s:
                 off = path.end_rad - sample.position * self._scaling.position_rad
                 raise SafetyStop(
-                    f"the drive is {self._watch.way(abs(off))} away from its target {self._arrival_s:.2g} s after it should have "
+                    f"the drive is {self._watch.in_words(abs(off))} away from its target {self._arrival_s:.2g} s after it should have "
                     "arrived; the axis was stopped; it sticks, or the gains in the drive are too weak for its friction",
                     "lag",
                 )
@@ -241,8 +241,8 @@ class PolledRun:
         near = min(max(sample.position * unit, min(early, late)), max(early, late))
         self._watch.follow(sample, round(near / unit))
 
-    def _new_watch(self) -> Watch:
-        return Watch(self._limits, self._scaling, self._pace.period_s)
+    def _new_watch(self) -> LimitWatch:
+        return LimitWatch(self._limits, self._scaling, self._pace.period_s)
 
     def _row(self, sample: Sample, reference_rad: float, reference_rad_s: float) -> None:
         """Pass on a row of :data:`beltcomm.drive.COLUMNS`; the reference's speed is the plateau's only where that is sure."""

@@ -100,8 +100,8 @@ def named(text: str, per: int) -> RawUnit:
 
 
 @dataclass(frozen=True)
-class Ground:
-    """Ground of the units: one position unit and one increment of the encoder in rad of the motor, one rad of the motor in m of the load.
+class UnitSizes:
+    """Sizes of the units: one position unit and one increment of the encoder in rad of the motor, one rad of the motor in m of the load.
 
     None where it is not known.
     """

@@ -18,7 +18,7 @@ _TORQUE_NOISE_OF_RATED: Final = 0.02
 _BELIEVED: Final = 0.5
 
 
-class Watch:
+class LimitWatch:
     """The limits in the drive's units; every sample is held against them.
 
     Speed is watched twice: as the drive reports it, and as the difference of positions.  A difference is divided by the elapsed time,
@@ -92,7 +92,7 @@ class Watch:
         """Longest time of a quick stop, s: its ramp from the highest speed, and what a drive needs beside it."""
         return STOP_TIME_S + self._limits.speed_rad_s / self._limits.deceleration_rad_s2
 
-    def way(self, angle_rad: float) -> str:
+    def in_words(self, angle_rad: float) -> str:
         """A way in words, of the carriage where its ratio is known."""
         ratio = self._limits.ratio_m_rad
         return f"{1e3 * ratio * angle_rad:.0f} mm" if ratio else f"{angle_rad:.4g} rad"
