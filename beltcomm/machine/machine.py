@@ -40,7 +40,7 @@ from beltcomm.talk import CarriagePosition, Gauge, Talk, detail, found
 from beltcomm.trajectory import Trajectory
 
 Array = NDArray[np.float64]
-Watch = Callable[[Row], None]
+RowWatch = Callable[[Row], None]
 
 #: The drive's parameter that holds a tilted axis in each of its own loops, the quick stop included.
 OFFSET = "ff_offset_nm"
@@ -381,7 +381,7 @@ class Machine:
         motion: Motion,
         envelope: Envelope,
         sidecar: Sidecar,
-        watch: Watch = unwatched,
+        watch: RowWatch = unwatched,
         foreseen: tuple[Array, Array] | None = None,
     ) -> Recording:
         """Run a motion and keep it as ``recordings/NAME``; a record already finished in a resumed run is read instead.
@@ -390,7 +390,7 @@ class Machine:
 
         Parameters
         ----------
-        watch : Watch
+        watch : RowWatch
             Is called with every row as the drive gives it, and may raise; that stops the axis.
         foreseen : tuple[ndarray, ndarray] or None
             Carriage position and speed, m and m/s, (n,), where they are not what is asked for: from them a stop must be possible.
@@ -461,7 +461,7 @@ class Machine:
             self.folder.journal(f"{damage.record}: kept as unfinished, because {damage}")
             raise
 
-    def run(self, motion: Motion, envelope: Envelope, watch: Watch = unwatched) -> None:
+    def run(self, motion: Motion, envelope: Envelope, watch: RowWatch = unwatched) -> None:
         """Run a motion that is only a means (positioning, creeping), watched row by row; nothing is kept."""
         self._check_stops(motion)
         self.let_settle()
