@@ -333,8 +333,7 @@ class Run:
             if abs(travel) > width:
                 raise SafetyStop(
                     f"homing has travelled {self._watch.in_words(abs(travel) * self._scaling.position_rad)} without finding "
-                    "its reference; the "
-                    "axis was stopped; check the homing method (6098h) and the switch",
+                    "its reference; the axis was stopped; check the homing method (6098h) and the switch",
                     "position",
                 )
             if sample.statusword & HOMING_ERROR:
