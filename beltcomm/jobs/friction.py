@@ -194,9 +194,7 @@ def result(
     found = friction_study.study_of(folder.recordings(), folder.axis, model, fits)
     folder.save("results", "friction", plain(found.friction))
     folder.save("results", "friction_sweeps", friction_study.data_of(found))
-    shown, remarks = (
-        pictures.friction_pictures(folder, found.friction, found.sweeps, found.drifts, found.standstill, command) if drawn else ([], [])
-    )
+    shown, remarks = pictures.friction_pictures(folder, found, command) if drawn else ([], [])
     warnings = [*found.friction.remarks, *made.remarks]
     text = [
         Line(""),

@@ -78,11 +78,7 @@ def friction_compare(runs: Place | Sequence[Place], *, pictures: bool = False, c
             found = study_of(recordings, folder.axis, model, findings.thesis)
         except DataError as problem:
             raise DataError(f"{folder.path}: {problem}") from problem
-        shown, remarks = (
-            drawing.friction_pictures(folder, found.friction, found.sweeps, found.drifts, found.standstill, command)
-            if pictures
-            else ([], [])
-        )
+        shown, remarks = drawing.friction_pictures(folder, found, command) if pictures else ([], [])
         studies.append((folder, found, model))
         data[str(folder.path)] = {"friction": plain(found.friction), **data_of(found), "pictures": shown}
         text += [f"{folder.path}:"] if len(folders) > 1 else []

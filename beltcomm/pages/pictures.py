@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,14 +13,13 @@ from beltcomm.design.measured import measured_loop
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.records import Data
 from beltcomm.given import pasted
-from beltcomm.identify.friction import FrictionFit
-from beltcomm.identify.standstill import Standstill
-from beltcomm.identify.sweeps import Drift, LoadDependence, Sweep
+from beltcomm.identify.sweeps import LoadDependence
 from beltcomm.laboratory.compare import Comparison, landmarks, worst
 from beltcomm.laboratory.place_words import in_words
 from beltcomm.recording import Recording
 from beltcomm.residuals.responses import response_pairs, trace_of
 from beltcomm.rundata.design_proof import DesignProof, plant_responses
+from beltcomm.rundata.friction_study import FrictionStudy
 from beltcomm.rundata.revisions import Revision
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.loop_ways import LoopReading
@@ -150,24 +149,16 @@ def proof_picture(
     return _written(folder, draw)
 
 
-def friction_pictures(
-    folder: RunFolder,
-    friction: FrictionFit,
-    sweeps: Sequence[Sweep],
-    drifts: Mapping[int, Drift | str],
-    found: Standstill | None,
-    command: str,
-) -> tuple[list[str], list[str]]:
+def friction_pictures(folder: RunFolder, found: FrictionStudy, command: str) -> tuple[list[str], list[str]]:
     """Friction by order, over the session's clock, and beside the damping of a response."""
 
     def draw() -> dict[str, Figure]:
         from beltcomm.report import friction as report
         from beltcomm.report import style
 
-        shown = f"{folder.path.resolve().name}/recordings, {len(sweeps)} sweeps"
-        return report.figures(
-            friction, sweeps, drifts, found, style.Caption(command or f"beltcomm friction --compare {pasted(folder.path)}", shown)
-        )
+        shown = f"{folder.path.resolve().name}/recordings, {len(found.sweeps)} sweeps"
+        caption = style.Caption(command or f"beltcomm friction --compare {pasted(folder.path)}", shown)
+        return report.figures(found.friction, found.sweeps, found.drifts, found.standstill, caption)
 
     return _written(folder, draw)
 
