@@ -146,11 +146,7 @@ def prepare(
         None for homing; the ramps of one in mode 3 are opened just so far that they do not shape it.
     """
     mode = layout.mode
-    if objects.read_int(0x6060, 0, "int8"):
-        lending.set(0x6060, 0, "int8", mode)
-    else:  # "no mode" is where a drive starts and cannot be gone back to
-        objects.write(0x6060, 0, "int8", mode)
-    machine.confirm_mode(mode)
+    lend_mode(objects, lending, machine, mode)
     if mode in TORQUE_MODES:
         objects.write(0x6071, 0, "int16", 0)
         if profile.torque_exit == "velocity":
@@ -200,6 +196,15 @@ def lend_settings(
             lasting_ms = math.ceil(1e3 * max(FOLLOWING_ERROR_S, period_s))
             if (objects.read_if_there(0x6066, 0, "uint16") or 0) > lasting_ms:
                 lending.set_if_there(0x6066, 0, "uint16", lasting_ms)
+
+
+def lend_mode(objects: Objects, lending: Lending, machine: StateMachine, mode: int) -> None:
+    """Another mode of operation, 6060h, confirmed by the drive."""
+    if objects.read_int(0x6060, 0, "int8"):
+        lending.set(0x6060, 0, "int8", mode)
+    else:  # "no mode" is where a drive starts and cannot be gone back to
+        objects.write(0x6060, 0, "int8", mode)
+    machine.confirm_mode(mode)
 
 
 def lend_quick_stop(objects: Objects, lending: Lending, scaling: Scaling, limits: Limits) -> bool:

@@ -25,7 +25,7 @@ from beltcomm_adapters.cia402 import (
 )
 from beltcomm_adapters.exchange import Sample
 from beltcomm_adapters.motion import TOLERATED_LOSSES, Report
-from beltcomm_adapters.preparation import lend_quick_stop, tighten_torque_and_speed, tighten_window
+from beltcomm_adapters.preparation import lend_mode, lend_quick_stop, tighten_torque_and_speed, tighten_window
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
 from beltcomm_adapters.sdo import Lending
@@ -84,11 +84,7 @@ def prepare(
     objects: SerialObjects, lending: Lending, machine: StateMachine, profile: Profile, scaling: Scaling, limits: Limits, period_s: float
 ) -> None:
     """Mode 1, the target where the axis stands, limits inside the drive, trapezoids; everything but the target is lent."""
-    if objects.read_int(0x6060, 0, "int8"):
-        lending.set(0x6060, 0, "int8", PROFILE_POSITION)
-    else:  # "no mode" is where a drive starts and cannot be gone back to
-        objects.write(0x6060, 0, "int8", PROFILE_POSITION)
-    machine.confirm_mode(PROFILE_POSITION)
+    lend_mode(objects, lending, machine, PROFILE_POSITION)
     lending.set_if_there(0x6086, 0, "int16", 0)
     if not lend_quick_stop(objects, lending, scaling, limits):
         raise DriveError(
