@@ -185,10 +185,7 @@ def reference_unit_fault(signal: Array, reference: Array) -> str:
         "" when they agree or nothing can be told.
     """
     measured, asked = signal - signal.mean(), reference - reference.mean()
-    power = float(measured @ measured), float(asked @ asked)
-    if min(power) <= 0.0 or abs(measured @ asked) < 0.98 * math.sqrt(power[0] * power[1]):
-        return ""
-    return unit_words(math.copysign(math.sqrt(power[1] / power[0]), float(measured @ asked)), "reference", "signal")
+    return unit_words(_quotient(measured, asked, 0.98), "reference", "signal")
 
 
 def opposite_signs(t_s: Array, torque: Array, position: Array) -> bool:
@@ -426,10 +423,15 @@ def velocity_unit_fault(t_s: Array, position: Array, velocity: Array) -> str:
     cuts = np.unique(np.linspace(0, len(t_s) - 1, 101).astype(int))
     integral = np.concatenate(([0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(t_s))))
     travel, by_velocity = np.diff(position[cuts]), np.diff(integral[cuts])
-    power = float(travel @ travel), float(by_velocity @ by_velocity)
-    if min(power) <= 0.0 or abs(travel @ by_velocity) < 0.9 * math.sqrt(power[0] * power[1]):
-        return ""
-    return unit_words(math.copysign(math.sqrt(power[1] / power[0]), float(travel @ by_velocity)), "velocity", "position")
+    return unit_words(_quotient(travel, by_velocity, 0.9), "velocity", "position")
+
+
+def _quotient(lower: Array, upper: Array, alike: float) -> float:
+    """Quotient of two signals by their powers, with the sign of their correlation; 0 where this is less than ``alike``."""
+    power = float(lower @ lower), float(upper @ upper)
+    if min(power) <= 0.0 or abs(lower @ upper) < alike * math.sqrt(power[0] * power[1]):
+        return 0.0
+    return math.copysign(math.sqrt(power[1] / power[0]), float(lower @ upper))
 
 
 def unit_words(quotient: float, upper: str, lower: str) -> str:
