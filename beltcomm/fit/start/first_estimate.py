@@ -230,7 +230,7 @@ def first_estimate(
             first, size = striking
             refuse([Jump(recording.name, float(recording.t_s[first]), size)], step)
     noise = torque_noise(recordings)
-    pieces = [p for r in recordings for p in legible_stretches(r, start, step, noise, path)]
+    pieces = [p for r in recordings for p in legible_segments(r, start, step, noise, path)]
     if _moving(pieces) < FEWEST_SAMPLES:
         raise DataError(_no_motion_words(recordings, pieces, step))
     search = _Search(pieces, start, inertia_shares)
@@ -316,12 +316,10 @@ def moves_enough(recording: Recording, model: Model, counts_per_rev: int) -> boo
     if comes_seldom(recording):
         return clearly_moves(recording, counts_per_rev)
     noise = torque_noise([recording])
-    return _moving(legible_stretches(recording, model, 2.0 * np.pi / counts_per_rev, noise)) >= FEWEST_SAMPLES
+    return _moving(legible_segments(recording, model, 2.0 * np.pi / counts_per_rev, noise)) >= FEWEST_SAMPLES
 
 
-def legible_stretches(
-    recording: Recording, model: Model, step_rad: float, noise_nm: float, path: TorquePath | None = None
-) -> list[Segment]:
+def legible_segments(recording: Recording, model: Model, step_rad: float, noise_nm: float, path: TorquePath | None = None) -> list[Segment]:
     """The pieces of a record, torque and angle smoothed alike where its rows alone do not show the motion.
 
     That is so where the encoder is too coarse to show the acceleration from row to row, or the motor swings on a held carriage between
