@@ -47,7 +47,18 @@ def slow(*places: float) -> tuple[Record, ...]:
 
 
 def sweep(*speeds_m_s: float) -> tuple[Record, ...]:
-    """Strokes over the whole travel."""
+    """Strokes over the whole travel.
+
+    Parameters
+    ----------
+    speeds_m_s : float, m/s
+        Of the carriage.
+
+    Returns
+    -------
+    tuple of Record
+        One record.
+    """
     return ({"kind": "sweep", "speeds_m_s": list(speeds_m_s)},)
 
 
@@ -66,7 +77,18 @@ def moves() -> tuple[Record, ...]:
 
 
 def belt_off(stays: str, goes: str) -> ManualCheck:
-    """The motor alone."""
+    """Manual check: the motor alone.
+
+    Parameters
+    ----------
+    stays, goes : str
+        What each outcome means.
+
+    Returns
+    -------
+    ManualCheck
+        Deed, how it is recorded, and what it tells.
+    """
     return ManualCheck(
         "take the belt off and let the drive turn the motor slowly",
         "log torque and angle with the drive's own scope over some turns and `beltcomm import` them",
@@ -75,7 +97,18 @@ def belt_off(stays: str, goes: str) -> ManualCheck:
 
 
 def pulley_turned(stays: str, moved: str) -> ManualCheck:
-    """The pulley on its shaft."""
+    """Manual check: the pulley turned on its shaft.
+
+    Parameters
+    ----------
+    stays, moved : str
+        Effects whose phase stays, and moves.
+
+    Returns
+    -------
+    ManualCheck
+        Deed, how it is recorded, and what it tells.
+    """
     return ManualCheck(
         "loosen the driving pulley, turn it on its shaft by a quarter of the ripple's period, clamp it again",
         AGAIN,

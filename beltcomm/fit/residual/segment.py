@@ -521,7 +521,7 @@ def whitened_residual(segment: Segment, model: Model, vector: Array, offset_m: f
 
     Returns
     -------
-    ndarray, (kept,)
+    ndarray, (values,)
         In units of its noise.
     """
     if segment.observer is not None:
@@ -543,7 +543,7 @@ def squares_left(piece: Segment, model: Model, vector: Array) -> Array:
 
     Returns
     -------
-    ndarray, (kept,)
+    ndarray, (values,)
         1 in the mean where the model is right.
     """
 
@@ -568,7 +568,7 @@ def observed_residuals(segments: Sequence[Segment], model: Model, vectors: Seque
 
     Returns
     -------
-    list of ndarray, (kept,)
+    list of ndarray, (values,)
         In units of their noise.
     """
     whites = innovations([one for segment in segments for one in segment.observations], model, vectors)
@@ -591,7 +591,7 @@ def in_noise(segment: Segment, model: Model, vector: Array, torque: Array) -> Ar
 
     Returns
     -------
-    ndarray, (kept,) or (kept, m)
+    ndarray, (values,) or (values, m)
         Of the kept samples.
     """
     if segment.observer is not None or not (segment.own_noise or segment.whitener is None):
