@@ -216,7 +216,7 @@ def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Opti
         agreed(identify_plan(axis, connected.capabilities, window, options.asked), machine)
         machine.titles, machine.excitation, machine.asked = sequence.TITLES[1:4], options.excitation, options.asked
         with early_end.kept(machine, findings):
-            sequence.identify_here(machine, findings)
+            sequence.try_stop_here(machine, sequence.identify_here(machine, findings))
         known = machine.place_known
     split = analyse.nonlinearities(folder.recordings())
     text, details = outcome.identify_text(folder, findings, options.reached(drive), known)

@@ -11,7 +11,7 @@ from typing import Any, Final
 import can
 import numpy as np
 
-from beltcomm.drive import Adapter, Clock, Drive, ExchangeReport, Guarding, KnownMotor, Limits, Listening, Motion, Sink
+from beltcomm.drive import Adapter, Clock, Drive, ExchangeReport, Guarding, KnownMotor, Limits, Listening, Motion, ObservedStop, Sink
 from beltcomm.drive.finding import Finding
 from beltcomm.drive.objects import DictionaryEntry
 from beltcomm.errors import BusError, DriveError, Refused, UsageError
@@ -106,6 +106,8 @@ class CanopenDrive(ObjectDrive):
         self._learnt: tuple[str, ...] = ()
         self._told: set[str] = set()
         self._speed_rad_s: float | None = None
+        #: Of the record before; None where it ended without a quick stop.
+        self.last_stop: ObservedStop | None = None
         self._link = Link(bus, clock, node)
         super().__init__(clock, SdoObjects(self._link), release)
         where = f"{bus.channel_info}, node {node}" + (f", {bitrate // 1000} kbit/s" if bitrate else "")
@@ -274,6 +276,7 @@ class CanopenDrive(ObjectDrive):
     def _enabled(self, layout: Layout, kind: str, period_s: float, limits: Limits, motion: Motion | None) -> Iterator[Run]:
         """The axis enabled and guarded inside the block; stopped, disabled and set back after it, however it ends."""
         objects, scaling, link = self._objects, self._scaling, self._link
+        self.last_stop = None
         faulted = self._machine.state() in (State.FAULT, State.FAULT_REACTION_ACTIVE)
         if link.restarted or (faulted and link.emergency is not None):  # what has come in this session is not acknowledged on the way
             raise self._machine.fault("standing between two motions")
@@ -336,6 +339,7 @@ class CanopenDrive(ObjectDrive):
                         run.stand_by_speed()
                 if not (run.left_alone() and self._stopped_by_sdo()):
                     run.halt(release)
+                    self.last_stop = run.stop
                 exchange.end()
         except BusError as failure:
             self._link.guard(None)  # the drive's guarding is what stops the axis now

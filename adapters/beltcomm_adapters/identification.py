@@ -166,6 +166,7 @@ def read_capabilities(
         and (profile.torque_scale.of == "rated_torque" or profile.torque_scale.nm)
         else _doubt(profile),
         torque_reading=_stated(profile),
+        stop_unit=scaling.stop_unit,
         units=scaling.told_units(),
         shortest_guard_s=max(SHORTEST_GUARD_S, GUARD_PERIODS * period_s),
     )

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from beltcomm.drive import ExchangeReport, Sink
+from beltcomm.drive import ExchangeReport, ObservedStop, Sink
 from beltcomm.errors import BusError, DriveError, DriveFault, SafetyStop
 from beltcomm_adapters.cia402 import (
     DISABLE_VOLTAGE,
@@ -150,8 +150,10 @@ class Run:
         self._period_s = period_s
         self._fault = fault
         self._emergency = emergency
-        self._position = position
+        self._position, self._stamp_s = position, 0.0
         self._brake_s = 0.0
+        #: Of the quick stop that ended it.
+        self.stop: ObservedStop | None = None
         self._loop_share = min(loop_s / period_s, 1.0) if layout.mode in INTERPOLATED_MODES else 1.0
         self._silenced = False
 
@@ -175,7 +177,7 @@ class Run:
                     "stopped; check the cabling and the bus load, or choose a longer sample period"
                 )
             return None
-        self._position = sample.position
+        self._position, self._stamp_s = sample.position, sample.stamp_s
         self._watch.check(sample)
         return sample
 
@@ -403,15 +405,26 @@ class Run:
         standing = self._standing()
         # a drive whose quick stop ends disabled closes its brake before it takes the torque away: it is given the time
         patience = math.ceil((self._brake_s + BRAKE_SLACK_S) / self._period_s) if self._brake_s else 0
-        for _ in range(0 if release else math.ceil(self._watch.longest_stop_s / self._period_s)):
+        longest = math.ceil(self._watch.longest_stop_s / self._period_s)
+        if self._watch.watches_stop:
+            patience = longest
+        seen, ended_s = [(self._stamp_s, self._position)], None
+        for _ in range(0 if release else longest):
             sample = self._halting(QUICK_STOP)
-            if sample is None or not standing(sample.position):
+            if sample is None:
                 continue
+            seen.append((sample.stamp_s, sample.position))
             state = state_of(sample.statusword)
+            if state not in live and ended_s is None:
+                ended_s = sample.stamp_s - seen[0][0]
+            if not standing(sample.position):
+                continue
             # some drives end a quick stop disabled, some hold the axis
             if state not in live or (state is State.QUICK_STOP_ACTIVE and patience <= 0):
                 break
             patience -= 1
+        begun_s, rad = seen[0][0], self._scaling.position_rad
+        self.stop = ObservedStop(tuple(at - begun_s for at, _ in seen), tuple(rad * one for _, one in seen), ended_s)
         for _ in range(math.ceil(STOP_TIME_S / self._period_s)):
             sample = self._halting(DISABLE_VOLTAGE)
             if sample is not None and state_of(sample.statusword) not in (*live, State.SWITCHED_ON):

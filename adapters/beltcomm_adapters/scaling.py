@@ -50,6 +50,8 @@ class Scaling:
         Sentences on what does not come from the drive.
     position_told, speed_told, acceleration_told : bool
         Whether drive or profile tell these units.
+    stop_unit : str
+        As of :class:`beltcomm.drive.Capabilities`.
     """
 
     position_rad: float
@@ -65,6 +67,7 @@ class Scaling:
     acceleration_told: bool = True
     position_told: bool = True
     reading_nm: float = 0.0
+    stop_unit: str = ""
 
     def __post_init__(self) -> None:
         if not self.reading_nm:
@@ -142,16 +145,28 @@ def read_scaling(objects: Objects, profile: Profile, lending: Lending | None, na
     acceleration_unit, acceleration_told = _told(objects, 0x60AA, profile.acceleration_unit, 2, same, said)
     if not acceleration_told and speed_told and speed_unit.of == "rad":
         said.append(
-            "the drive does not tell its unit of acceleration (60AAh): its unit of speed per second is taken, so look at how it stops"
+            "the drive does not tell its unit of acceleration (60AAh): its unit of speed per second is taken, until a slow stop shows it "
+            "once a loop is closed"
         )
     acceleration = sizes.si(acceleration_unit, "acceleration (60AAh)")
-    if profile.acceleration_unit is not None and not objects.read_if_there(0x60AA, 0, "uint32"):
+    stop_unit = ""
+    if not acceleration_told:
+        stop_unit = "nobody tells what accelerations count in (60AAh), and the unit of speed per second is taken"
+    elif profile.acceleration_unit is not None and not _tells_acceleration(objects):
+        stop_unit = f"accelerations count in {profile.acceleration_unit} by acceleration_unit of the profile alone"
         said += _quick_stop(objects, profile.acceleration_unit, acceleration, acceleration_unit.ramp)
     whole = counts or round(_TURN / abs(position))
     return Scaling(
         position, speed, acceleration, unit_nm, whole, torque_nm, current_a, acceleration_unit.ramp, tuple(said), speed_told,
-        acceleration_told, position_told, reading_nm,
+        acceleration_told, position_told, reading_nm, stop_unit,
     )  # fmt: skip
+
+
+def _tells_acceleration(objects: Objects) -> bool:
+    """True if the drive tells its unit of acceleration, as either version of CiA 402 has it."""
+    code = objects.read_if_there(0x60AA, 0, "uint32")
+    unit = coded(code) if code else _dimension(objects, 2)
+    return unit is not None and unit.per == 2
 
 
 def _quick_stop(objects: Objects, unit: str, rad_s2: float, ramp: bool) -> list[str]:
@@ -162,7 +177,8 @@ def _quick_stop(objects: Objects, unit: str, rad_s2: float, ramp: bool) -> list[
     stands = rad_s2 / own if ramp else own * rad_s2
     return [
         f"accelerations count in {unit} by the profile alone: the quick stop that stands in the drive, 6085h = {own}, is then "
-        f"{stands:.4g} rad/s² ({stands / _RPM:.0f} rpm/s); compare that with the maker's tool, for every stop is planned with it"
+        f"{stands:.4g} rad/s² ({stands / _RPM:.0f} rpm/s); compare that with the maker's tool: every stop is planned "
+        "with it, and a slow one shows it only once a loop is closed that follows"
     ]
 
 

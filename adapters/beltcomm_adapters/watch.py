@@ -88,8 +88,15 @@ class LimitWatch:
             self._odometer(sample.position - before.position, sample.velocity, max(sample.stamp_s - before.stamp_s, self._period_s))
 
     @property
+    def watches_stop(self) -> bool:
+        """True if a stop is watched until the drive ends it."""
+        return self._limits.stop_s is not None
+
+    @property
     def longest_stop_s(self) -> float:
-        """Longest time of a quick stop, s: its ramp from the highest speed, and what a drive needs beside it."""
+        """Longest time of a quick stop, s: its ramp from the highest speed, and what a drive needs beside it; or what the limits say."""
+        if self._limits.stop_s is not None:
+            return self._limits.stop_s
         return STOP_TIME_S + self._limits.speed_rad_s / self._limits.deceleration_rad_s2
 
     def in_words(self, angle_rad: float) -> str:

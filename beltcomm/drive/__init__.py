@@ -78,6 +78,9 @@ class Limits:
         Which a holding brake needs to open after the stage is on: so long the axis is held before it is moved.
     guard_s : float, s
         Within which the drive is to notice that its host is gone.
+    stop_s : float or None, s
+        For which a stop is watched at most until the drive ends it by itself, then its stage is taken off; None leaves it as soon as the
+        axis stands.
     ratio_m_rad, zero_rad : float
         Carriage = ratio (angle - zero), m, only for messages; 0 when there is no carriage to speak of.
     """
@@ -93,6 +96,7 @@ class Limits:
     release: bool = False
     brake_s: float = 0.0
     guard_s: float = GUARD_S
+    stop_s: float | None = None
 
     def where(self, angle_rad: float) -> str:
         """An angle of the motor in words.
@@ -201,6 +205,23 @@ class Guarding:
 
 
 @dataclass(frozen=True)
+class ObservedStop:
+    """Course of a quick stop, from when it was asked for.
+
+    Attributes
+    ----------
+    t_s, position_rad : tuple of float, s and rad at the motor shaft
+        The samples, the last one before it first.
+    ended_s : float or None, s
+        When the drive took its stage off by itself, which it does at the end of its ramp; None where the host did.
+    """
+
+    t_s: tuple[float, ...]
+    position_rad: tuple[float, ...]
+    ended_s: float | None
+
+
+@dataclass(frozen=True)
 class KnownMotor:
     """Motor as known beforehand, for what a drive does not tell; None where nobody knows it.
 
@@ -296,6 +317,8 @@ class Capabilities:
         For which the drive lets the motor have its peak torque from cold; None when it does not tell.
     encoder_counts_per_rev : int or None
         Of the encoder, where the positions are coarser than that.
+    stop_unit : str
+        In words, what the deceleration of its quick stop counts in and who says so, where the drive itself does not; "" where it does.
     units : Mapping of str to float, SI at the motor shaft
         One raw unit of position, speed, acceleration and torque, by these names: those that drive or profile tell.
     """
@@ -329,6 +352,7 @@ class Capabilities:
     overload_time_s: float | None = None
     feel_rad: float = 0.0
     torque_reading: StatedReading | None = None
+    stop_unit: str = ""
     units: Mapping[str, float] = field(default_factory=dict)
 
 

@@ -28,6 +28,7 @@ from beltcomm.experiments import (
     raising,
     sameness,
     sampling_limits,
+    stop_unit,
     verification,
 )
 from beltcomm.experiments.proving import Sending, learn_gains, verify_move
@@ -112,11 +113,30 @@ def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) 
     findings.excited = raising.raise_amplitude(machine, findings.breakaway, masses, response=to_come if brief else None)
     if findings.holding is not None:
         findings.holding = holding.compare(machine, findings.holding)
+    if machine.cascade is not None and machine.braking is not None:  # as from here on a loop ends what an excitation began
+        stop_unit.ensure(machine, findings.excited.model, again=True)
     machine.begin(TITLES[3])
     first_response(machine, findings, findings.excited, short_s)
     model = first_model(machine, findings)
     scale.check_fitted(machine, model, findings.excited.model, acting_recording(machine.folder.recording("frf_1"), findings.path))
     return model
+
+
+def try_stop_here(machine: Machine, model: Model) -> None:
+    """After an identification, where no louder record follows: show by a slow stop what its deceleration counts in, if it was not shown.
+
+    Raises
+    ------
+    DriveError
+        When the stop contradicts that.
+    """
+    if machine.stop_tried or not stop_unit.is_tried(machine.drive.capabilities):
+        return
+    stops.lend_brake(machine, model, machine.position_m)
+    if machine.cascade is not None and machine.braking is not None:
+        stop_unit.ensure(machine, model)
+    else:
+        stop_unit.tell_untold(machine, "an identification closes no loop whose gains nobody knows")
 
 
 def first_response(machine: Machine, findings: Findings, excited: Excited, seconds: float) -> None:
@@ -385,8 +405,12 @@ def measure_friction(
         It judges, nothing is fitted to it.
     """
     machine.begin(TITLES[5])
-    if machine.folder.finished(name) is None and not phases.room_to_sweep(machine, model, speeds_m_s):
-        phases.move_to(machine, phases.stroke_ends(machine)[0], model)
+    first, last = phases.stroke_ends(machine)
+    if machine.folder.finished(name) is None:
+        if not phases.room_to_sweep(machine, model, speeds_m_s):
+            phases.move_to(machine, first, model)
+        elif not first <= machine.position_m <= last:  # where a sweep before it was stopped: nothing is left there for an overshoot
+            phases.move_to(machine, min(max(machine.position_m, first), last), model)
     strokes = phases.sweep(machine, model, speeds_m_s, longest_s)
     sidecar = phases.sidecar(machine, "friction_sweep", held_out=held_out, extra=own_strokes.note(machine))
     return machine.record(name, machine.follow(strokes.trajectory, machine.stroking()), phases.stroke_envelope(machine), sidecar)
@@ -471,6 +495,10 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
         assume_delay(findings, machine.drive.capabilities.structure)
     cascade = None if own else close_first_loop(machine, findings, model, ask=settings.ask)
     travels = not own or own_loop.try_out(machine, findings, model)
+    if travels:
+        stop_unit.ensure(machine, model)
+    else:
+        stop_unit.tell_untold(machine, "the loop in the drive follows no slow strokes")
     if not travels:
         pass
     elif brief:

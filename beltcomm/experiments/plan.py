@@ -12,7 +12,7 @@ import numpy as np
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
 from beltcomm.excitation import AS_CHOSEN, AskedExcitation
-from beltcomm.experiments import gain_steps, own_strokes, phases, sampling_limits, stops_out_of_move
+from beltcomm.experiments import gain_steps, own_strokes, phases, sampling_limits, stop_unit, stops_out_of_move
 from beltcomm.experiments.bounds import (
     CREEP_SECONDS,
     Experiment,
@@ -229,7 +229,10 @@ def identify_plan(
     """
     return Plan(
         _moves_by_itself(axis),
-        _here(axis, capabilities, window_m, asked),
+        (
+            *_here(axis, capabilities, window_m, asked),
+            *(() if capabilities.gains == "unknown" else stop_unit.line(axis, capabilities, window_m)),
+        ),
         notes=sampling_limits.notes_before(axis, capabilities),
         points=identify_points(axis, capabilities, window_m),
         verb="identify",
@@ -254,10 +257,11 @@ def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "st
     at_rest = stroking_nm(axis, capabilities, 0.0)  # friction may stay wound up
     heating = math.sqrt(moving * stroking_nm(axis, capabilities, share) ** 2 + at_rest**2)
     move = Experiment("verification move", min(whole, axis.targets.way_m), whole, moved, torque, force, 3.0 + MOVE_SECONDS, heating)
-    budget = record_schedule.BUDGET_S[extent] + (HOLDING_SECONDS if axis.mounting.tilted else 0.0)
+    tried = stop_unit.line(axis, capabilities)
+    budget = record_schedule.BUDGET_S[extent] + (HOLDING_SECONDS if axis.mounting.tilted else 0.0) + sum(one.seconds for one in tried)
     return Plan(
         _moves_by_itself(axis),
-        (*_here(axis, capabilities), *steps, move),
+        (*_here(axis, capabilities), *tried, *steps, move),
         budget,
         sampling_limits.notes_before(axis, capabilities),
         points=commission_points(axis, capabilities, lightest, (heaviest, fastest_m_s(axis, capabilities, possible, heaviest))),

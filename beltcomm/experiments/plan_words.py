@@ -73,10 +73,16 @@ def identify_points(axis: Axis, capabilities: Capabilities, window_m: tuple[floa
             f"between {1e3 * window_m[0]:+.0f} mm and {1e3 * window_m[1]:+.0f} mm of where it stands now (plus is where the drive's "
             "position counts up): keep people and tools out of its travel"
         )
+    tried = (
+        ", and to go some cm slowly, where a stop shows what it counts in"
+        if capabilities.stop_unit and capabilities.gains != "unknown"
+        else ""
+    )
     return (
         (
             "what moves",
-            "the carriage jogs a few mm in each direction, then is excited in place with rising torque; no loop is closed but to stop it",
+            "the carriage jogs a few mm in each direction, then is excited in place with rising torque; no loop is closed but to stop it"
+            + tried,
         ),
         ("how far", far),
         *_stops(axis, capabilities),

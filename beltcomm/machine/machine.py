@@ -90,6 +90,8 @@ class Machine:
         The agreed plan's, s.
     loop_tried
         A loop whose gains nobody knows has followed a slow stroke.
+    stop_tried
+        A slow stop has shown what the drive's decelerations count in.
     wanderings
         Stops of a carriage that went too far, after which the session went on, see :mod:`beltcomm.experiments.recentre`.
     """
@@ -112,7 +114,7 @@ class Machine:
         self.closed: tuple[Model, float] | None = None
         self.cascade: Cascade | None = None
         self.feedforward: Feedforward | None = None  # sent with every reference, where the drive holds none itself
-        self.loop_tried = False
+        self.loop_tried = self.stop_tried = False
         self.machine_seconds = 0.0
         self.wanderings = 0
         self.planned_s: float | None = None
