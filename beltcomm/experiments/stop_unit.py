@@ -113,10 +113,12 @@ def judge(stop: ObservedStop, speed_m_s: float, meant_m_s2: float, ratio: float,
         if last_m_s > max(STILL_M_S, 0.1 * speed_m_s) or ends:
             return seen("flatter", float(t_s[-1]))
         return seen("untold", float(t_s[-1]), "the drive does not end its quick stop by itself (605Ah)")
-    if stop.ended_s < meant_s / FACTOR:
-        return seen("steeper", stop.ended_s)
     if stop.ended_s > longest_s:
         return seen("flatter", stop.ended_s)
+    if meant_s < 0.5 * RAMP_S:
+        return seen("untold", stop.ended_s, f"the flattest ramp that the unit allows, {meant_s:.2g} s, is hardly told from a stop at once")
+    if stop.ended_s < meant_s / FACTOR:
+        return seen("steeper", stop.ended_s)
     if stop.ended_s - brake_s < meant_s / FACTOR:
         return seen("untold", stop.ended_s, f"the drive may have waited for its brake, {1e3 * brake_s:.0f} ms")
     if stop.ended_s - brake_s > meant_s + 2.0 * BESIDE_S:
@@ -238,8 +240,10 @@ def _stroke(machine: Machine, model: Model, forth: float) -> Seen:
     closed = foreseen(machine, motion)
     limits = _limits(machine, machine.drive_limits(within(envelope, closed)), speed / RAMP_S)
     meant = _meant_m_s2(machine, limits)
-    if meant is None or not 0.5 * RAMP_S < speed / meant < 1.5 * RAMP_S:
-        return Seen("untold", "the drive has no quick stop as flat as that" if meant else "the drive has none that could be set (6085h)")
+    if meant is None:
+        return Seen("untold", "the drive has no quick stop that could be set (6085h)")
+    if speed / meant > 1.5 * RAMP_S:
+        return Seen("untold", f"the quick stop of the drive is set to {meant:.3g} m/s², too little for a stroke of some cm")
     rows: list[tuple[float, float]] = []
     reached: list[float] = []
 

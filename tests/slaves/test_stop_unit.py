@@ -69,6 +69,12 @@ def test_a_stop_that_a_brake_or_a_late_loop_may_have_ended_tells_nothing() -> No
     assert judge(stop_of(0.03, 0.06, 0.5, 1.4, 1.4), 0.03, 0.06, RATIO).kind == "untold"
 
 
+def test_a_ramp_that_no_unit_makes_flat_is_told_when_it_takes_too_long_only() -> None:
+    assert judge(stop_of(0.03, 1e-3, 0.01, 2.3, None), 0.03, 1.0, RATIO).kind == "flatter"
+    for ended in (0.02, 0.05):
+        assert judge(stop_of(0.03, 1.0, 0.01, ended, ended), 0.03, 1.0, RATIO).kind == "untold"
+
+
 def commissioned(unit: str, folder: Path, verb: str = "commission") -> tuple[SlaveRig, int | None, str, str]:
     """A played drive that tells no unit, with a profile: rig, exit code, all that was said, the journal."""
     profile = folder / "told.yaml"
