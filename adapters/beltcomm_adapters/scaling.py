@@ -150,9 +150,9 @@ def read_scaling(objects: Objects, profile: Profile, lending: Lending | None, na
         )
     acceleration = sizes.si(acceleration_unit, "acceleration (60AAh)")
     stop_unit = ""
-    if not acceleration_told:
+    if not acceleration_told and profile.sources["units"]["confidence"] != "simulated":
         stop_unit = "nobody tells what accelerations count in (60AAh), and the unit of speed per second is taken"
-    elif profile.acceleration_unit is not None and not _tells_acceleration(objects):
+    elif acceleration_told and profile.acceleration_unit is not None and not _tells_acceleration(objects):
         stop_unit = f"accelerations count in {profile.acceleration_unit} by acceleration_unit of the profile alone"
         said += _quick_stop(objects, profile.acceleration_unit, acceleration, acceleration_unit.ramp)
     whole = counts or round(_TURN / abs(position))

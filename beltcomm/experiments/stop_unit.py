@@ -58,7 +58,7 @@ Kind = Literal["as meant", "steeper", "flatter", "untold"]
 
 
 @dataclass(frozen=True)
-class Seen:
+class SlowStop:
     """Outcome of one stop.
 
     Attributes
@@ -85,7 +85,7 @@ class Seen:
         return self.speed_m_s / self.meant_m_s2
 
 
-def judge(stop: ObservedStop, speed_m_s: float, meant_m_s2: float, ratio: float, brake_s: float = 0.0, *, ends: bool = True) -> Seen:
+def judge(stop: ObservedStop, speed_m_s: float, meant_m_s2: float, ratio: float, brake_s: float = 0.0, *, ends: bool = True) -> SlowStop:
     """Hold the course of a stop against the ramp that was meant.
 
     Parameters
@@ -104,8 +104,8 @@ def judge(stop: ObservedStop, speed_m_s: float, meant_m_s2: float, ratio: float,
     last_m_s = float(np.ptp(place[late]) / np.ptp(t_s[late])) if np.count_nonzero(late) > 1 else 0.0
     longest_s = FACTOR * meant_s + BESIDE_S + brake_s
 
-    def seen(kind: Kind, took_s: float, why: str = "") -> Seen:
-        return Seen(kind, why, speed_m_s, meant_m_s2, took_s)
+    def seen(kind: Kind, took_s: float, why: str = "") -> SlowStop:
+        return SlowStop(kind, why, speed_m_s, meant_m_s2, took_s)
 
     if stop.ended_s is None:
         if t_s[-1] < longest_s:
@@ -183,7 +183,7 @@ def ensure(machine: Machine, model: Model, *, again: bool = False) -> None:
     """
     if machine.stop_tried or not is_tried(machine.drive.capabilities) or not hasattr(machine.drive, "last_stop"):
         return
-    found: list[tuple[float, Seen]] = []
+    found: list[tuple[float, SlowStop]] = []
     for _ in range(2):
         forth = -1.0 if found and found[0][0] > 0.0 else 1.0 if found else _towards_room(machine)
         try:
@@ -194,7 +194,7 @@ def ensure(machine: Machine, model: Model, *, again: bool = False) -> None:
             why = str(problem)
             if isinstance(problem, SafetyStop) and problem.reason in LOOP:
                 why = f"the loop in the drive does not follow so slow a stroke ({problem.reason})"
-            seen = Seen("untold", why)
+            seen = SlowStop("untold", why)
         found.append((forth, seen))
         machine.folder.journal(_told(seen))
         if seen.kind == "untold":
@@ -225,13 +225,13 @@ def _towards_room(machine: Machine) -> float:
     return 1.0 if high - machine.position_m > machine.position_m - low else -1.0
 
 
-def _stroke(machine: Machine, model: Model, forth: float) -> Seen:
+def _stroke(machine: Machine, model: Model, forth: float) -> SlowStop:
     """One stroke and its stop.   Raises SafetyStop, Refused as any motion."""
     speed = speed_m_s(machine, model, forth)
     capabilities, period = machine.drive.capabilities, machine.drive.capabilities.sample_period_s
     counts = speed / machine.ratio * capabilities.counts_per_rev / math.tau * MEAN_S
     if speed < SLOWEST_M_S or counts < FEWEST_COUNTS:
-        return Seen("untold", f"room, belt or encoder allow no more than {1e3 * speed:.2g} mm/s, too slow to tell a ramp")
+        return SlowStop("untold", f"room, belt or encoder allow no more than {1e3 * speed:.2g} mm/s, too slow to tell a ramp")
     at = machine.position_m
     rising = TrajectoryLimits(jerk_m_s3=20.0 * speed / RISE_S, acceleration_m_s2=1.2 * speed / RISE_S, speed_m_s=speed)
     way = ways_m(speed)[1]
@@ -241,9 +241,9 @@ def _stroke(machine: Machine, model: Model, forth: float) -> Seen:
     limits = _limits(machine, machine.drive_limits(within(envelope, closed)), speed / RAMP_S)
     meant = _meant_m_s2(machine, limits)
     if meant is None:
-        return Seen("untold", "the drive has no quick stop that could be set (6085h)")
+        return SlowStop("untold", "the drive has no quick stop that could be set (6085h)")
     if speed / meant > 1.5 * RAMP_S:
-        return Seen("untold", f"the quick stop of the drive is set to {meant:.3g} m/s², too little for a stroke of some cm")
+        return SlowStop("untold", f"the quick stop of the drive is set to {meant:.3g} m/s², too little for a stroke of some cm")
     rows: list[tuple[float, float]] = []
     reached: list[float] = []
 
@@ -272,9 +272,9 @@ def _stroke(machine: Machine, model: Model, forth: float) -> Seen:
     stop: ObservedStop | None = getattr(machine.drive, "last_stop", None)
     hold(machine, limits)
     if not reached:
-        return Seen("untold", f"the loop in the drive does not bring the carriage to {1e3 * speed:.2g} mm/s")
+        return SlowStop("untold", f"the loop in the drive does not bring the carriage to {1e3 * speed:.2g} mm/s")
     if stop is None:
-        return Seen("untold", "the course of the stop was not seen")
+        return SlowStop("untold", "the course of the stop was not seen")
     return judge(stop, reached[0], meant, machine.ratio, machine.brake_s, ends=_OPTION not in capabilities.not_taken)
 
 
@@ -317,7 +317,7 @@ def hold(machine: Machine, limits: Limits) -> None:
     machine.drive.record(machine.follow(path, machine.stroking()), replace(limits, stop_s=None, lag_rad=None), lambda _row: None)
 
 
-def _told(seen: Seen) -> str:
+def _told(seen: SlowStop) -> str:
     if seen.kind == "untold":
         return f"slow stop: {seen.why}"
     return (
@@ -326,7 +326,7 @@ def _told(seen: Seen) -> str:
     )
 
 
-def _contradiction(seen: Seen, unit: str) -> str:
+def _contradiction(seen: SlowStop, unit: str) -> str:
     """Sentence for a ramp that is another one than was meant."""
     steeper = seen.kind == "steeper"
     times = seen.meant_s / seen.took_s if steeper else seen.took_s / seen.meant_s
