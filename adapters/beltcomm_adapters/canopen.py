@@ -65,6 +65,11 @@ class CanopenDrive(ObjectDrive):
     While it is open, the speed unit and the enable logic (cmmp-as) are as the adapter needs them; mode of operation, PDOs, limits and
     guarding are changed during a recording only.
 
+    Attributes
+    ----------
+    last_stop : ObservedStop or None
+        Quick stop that ended the record before; None where none did.
+
     Parameters
     ----------
     bus, clock
@@ -103,10 +108,8 @@ class CanopenDrive(ObjectDrive):
     ) -> None:
         self._guarding: Guarding | None = None
         self._arrangement = 0  # of the drive's answers: what it has refused once is not asked for again
-        self._learnt: tuple[str, ...] = ()
-        self._told: set[str] = set()
+        self._learnt, self._told = tuple[str, ...](), set[str]()
         self._speed_rad_s: float | None = None
-        #: Of the record before; None where it ended without a quick stop.
         self.last_stop: ObservedStop | None = None
         self._link = Link(bus, clock, node)
         super().__init__(clock, SdoObjects(self._link), release)
@@ -275,8 +278,7 @@ class CanopenDrive(ObjectDrive):
     @contextlib.contextmanager
     def _enabled(self, layout: Layout, kind: str, period_s: float, limits: Limits, motion: Motion | None) -> Iterator[Run]:
         """The axis enabled and guarded inside the block; stopped, disabled and set back after it, however it ends."""
-        objects, scaling, link = self._objects, self._scaling, self._link
-        self.last_stop = None
+        objects, scaling, link, self.last_stop = self._objects, self._scaling, self._link, None
         faulted = self._machine.state() in (State.FAULT, State.FAULT_REACTION_ACTIVE)
         if link.restarted or (faulted and link.emergency is not None):  # what has come in this session is not acknowledged on the way
             raise self._machine.fault("standing between two motions")
