@@ -16,7 +16,7 @@ from beltcomm.fit.likelihood.problem import OFFSET_M
 from beltcomm.fit.noise.angle import NOISY
 from beltcomm.fit.noise.decimation import smallest_step
 from beltcomm.fit.noise.level import FEWEST, ORDER, roughness
-from beltcomm.fit.path_fit.choice import EXPLAINED, GOOD, choose_path, commands
+from beltcomm.fit.path_fit.choice import EXPLAINED, GOOD, PathChoice, choose_path, commands
 from beltcomm.fit.path_fit.residual_colour import with_likeliest_colour
 from beltcomm.fit.path_fit.sensor_noise import split_noise
 from beltcomm.fit.path_fit.values import by_path, refine_path
@@ -114,7 +114,10 @@ def _fit_base(
     if commanded:
         data, first = with_quieter_torque(*refit_with_rebuilt_motion(data, first, NEXT_ITERATIONS, fixed=fixed))
     progress(0.3)
-    chosen = path if path is not None else replace(choose_path(data, first, start, chain).path, commanded=commanded)
+    choice = choose_path(data, first, start, chain) if path is None else PathChoice(path, chain)
+    if choice.between:
+        return _fit_behind(data, start, choice.between, fixed, publish, progress)
+    chosen = path if path is not None else replace(choice.path, commanded=commanded)
     if chosen != data.path:
         data = prepare_records(
             data.recordings, first.model if commanded else start, data.noise_nm, data.step_rad, {}, path=chosen, colour=data.colour
@@ -149,6 +152,13 @@ def _fit_base(
         if underrated:  # what was fitted so far stands where noise that was taken for motion has pulled it
             data, fitted = _refit_from_start(*refit_with_rebuilt_motion(data, fitted, NEXT_ITERATIONS, fixed=fixed), start, fixed)
             data = replace(data, step_rad=likeliest_step(data, fitted.model, _residuals(fitted), least))
+    return _with_last_fit(data, fitted, fixed, publish, progress)
+
+
+def _with_last_fit(
+    data: Data, fitted: Fitted, fixed: Sequence[str], publish: bool, progress: Callable[[float], None]
+) -> tuple[Data, Fitted]:
+    """Records and fit with path and noise as they are: the last motion, reversals, and what a path leaves open."""
     data, fitted = refit_with_rebuilt_motion(data, fitted, LAST_ITERATIONS, PUBLISHED_SUBSTEPS if publish else SUBSTEPS, fixed=fixed)
     progress(0.9)
     data, fitted = refit_with_reversals(data, fitted, fixed=fixed)
@@ -156,6 +166,23 @@ def _fit_base(
         fitted = least_plain_error(data, fitted, FIRST_ITERATIONS, fixed)
     progress(1.0)
     return data, with_nuisance(data, fitted)
+
+
+def _fit_behind(
+    data: Data, start: Model, between: str, fixed: Sequence[str], publish: bool, progress: Callable[[float], None]
+) -> tuple[Data, Fitted]:
+    """Records and fit where an effect between reading and motion tells the path: path and noises by a model that has it.
+
+    Parameters
+    ----------
+    between : str
+        The effect, which is not in the model that is returned: it is for the search to find.
+    """
+    known, _ = _fit_base(data, start.with_effect(between), fixed, None, False, lambda part: progress(0.8 * part))
+    same = (known.noise_nm, known.step_rad, {})
+    data = prepare_records(data.recordings, start, *same, path=known.path, colour=known.colour, single=known.single)
+    fitted = fit(data, start, FIRST_ITERATIONS, fixed=fixed)
+    return _with_last_fit(*refit_with_rebuilt_motion(data, fitted, NEXT_ITERATIONS, fixed=fixed), fixed, publish, progress)
 
 
 def _refit_from_start(data: Data, fitted: Fitted, start: Model, fixed: Sequence[str]) -> tuple[Data, Fitted]:

@@ -11,6 +11,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -18,6 +19,7 @@ from scipy.optimize import minimize_scalar
 
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.noise.level import is_held, repeats_itself
+from beltcomm.fit.path_fit.late_motion import effect_between
 from beltcomm.fit.path_fit.values import columns_of, refine_path
 from beltcomm.fit.records import Data, prepare_records, rounding_torque
 from beltcomm.fit.torque.path import DriveLaw, Lag, ReadingLaw, TorquePath
@@ -75,12 +77,15 @@ class PathChoice:
         What the path was tried with.
     rivals : tuple of tuple[TorquePath, float]
         The others, with -2 ln L above that of the one taken.
+    between : str
+        Effect between reading and motion, with which another path is likelier than this one without; empty for none.
     """
 
     path: TorquePath
     reading: ReadingFit | None
     fitted: Fitted | None = None
     rivals: tuple[tuple[TorquePath, float], ...] = ()
+    between: str = ""
 
 
 def commands(chain: ReadingFit | None, recordings: Sequence[Recording]) -> bool:
@@ -126,7 +131,12 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
     trials = sorted(((path, _fit_by(data, lively, start, path)) for path in ways), key=lambda trial: _level(trial[1]))
     trials = [*(_refine(data, lively, *trial) for trial in trials[:REFINED]), *trials[REFINED:]]
     less_likely = {other.at_end: other.cost - chain.cost} if other is not None else {}
-    return _best_shape(data, lively, _best(trials, chain, less_likely=less_likely))
+    choice = _best_shape(data, lively, _best(trials, chain, less_likely=less_likely))
+    if choice.fitted is None or choice.fitted.ratio <= GOOD:
+        return choice
+    others = [path for path in ways if path != choice.path]
+    clear = math.log(max(choice.fitted.problem.samples, 2)) + CLEAR
+    return replace(choice, between=effect_between(partial(_fit_by, data, lively), start, choice.path, choice.fitted, others, clear))
 
 
 def _refine(data: Data, recordings: Sequence[Recording], path: TorquePath, fitted: Fitted) -> tuple[TorquePath, Fitted]:

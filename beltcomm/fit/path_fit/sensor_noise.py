@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +22,10 @@ from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.noise.decimation import decimate
 from beltcomm.fit.noise.level import LEAST_COLOUR, MOST_COLOUR, correlation, robust_rms, torque_step
 from beltcomm.fit.noise.process_torque import ProcessTorque, correlation_time
-from beltcomm.fit.path_fit.torque_noises import NoisesFit, NoisesProblem, RestPart
+from beltcomm.fit.path_fit.torque_noises import Complex, NoisesFit, NoisesProblem, RestPart
 from beltcomm.fit.records import Data
 from beltcomm.fit.torque.reading_fit import CLEAR, NORMAL_95
+from beltcomm.model import Model
 from beltcomm.recording import Recording
 
 Array = NDArray[np.float64]
@@ -83,7 +85,7 @@ def split_noise(data: Data, fitted: Fitted) -> NoiseSplit | None:
     if deviation * KNOWN > 1.0 and share < KNOWN * deviation:
         # The motion does not tell: all of it may be the sensor's, and more it cannot be.
         return NoiseSplit(total, 0.0, 0.5 * total, _own_colour(rests)) if total < data.noise_nm else None
-    told = None if data.path.reading.faithful and _is_white(rests) else _two_noises(data, parts, total)
+    told = None if data.path.reading.faithful and _is_white(rests) else _two_noises(data, fitted.model, parts, total)
     if told is not None:
         return told
     share = min(max(share, LEAST_SHARE), 1.0)
@@ -103,10 +105,10 @@ def _one_share(parts: Sequence[RestPart]) -> tuple[float, float]:
     return (sums[0] / sums[1], math.sqrt(sums[2]) / sums[1]) if sums[1] > 0.0 else (0.0, 0.0)
 
 
-def _two_noises(data: Data, parts: Sequence[RestPart], total: float) -> NoiseSplit | None:
+def _two_noises(data: Data, model: Model, parts: Sequence[RestPart], total: float) -> NoiseSplit | None:
     """Both noises with their colours; None where the records are too short, or do not tell whose a colour is."""
     sample_s = data.recordings[0].sample_period_s
-    problem = NoisesProblem(parts, data.path.read_pulse(sample_s), total)
+    problem = NoisesProblem(parts, data.path.read_pulse(sample_s), total, partial(_between, model, sample_s))
     if not problem.enough:
         return None
     best, *others = problem.likeliest()
@@ -117,6 +119,16 @@ def _two_noises(data: Data, parts: Sequence[RestPart], total: float) -> NoiseSpl
     time_s, deviation_s = correlation_time(found.process_pole, spread.process_pole, sample_s)
     process = ProcessTorque(found.process_nm, time_s, NORMAL_95 * spread.process_nm, NORMAL_95 * deviation_s)
     return NoiseSplit(sensor_nm, found.process_nm, spread.sensor_nm, found.sensor_pole, process)
+
+
+def _between(model: Model, sample_s: float, z: Complex) -> Complex:
+    """Response of what a model has between reading and motion, at z⁻¹ = e^(-iωT)."""
+    omega = -np.angle(z) / sample_s
+    found = np.ones_like(z)
+    for effect in model.effect_list():
+        if effect.slot == "torque_delay" and effect.slope is not None:
+            found = found * np.asarray(effect.slope(omega, *(model[f"{effect.name}.{p.name}"] for p in effect.parameters)))
+    return found
 
 
 def _may_be_other(problem: NoisesProblem, best: NoisesFit, others: Sequence[NoisesFit]) -> bool:

@@ -4,11 +4,12 @@
 
 y : setpoint through the drive,   h : torque that acts, y + p,   u = reading + y - L y : what it is taken for,   L : the reading's filter.
 
-What the reading tells of the residual, whatever else is in that, is -M G r,  M the triangular mean,  with the Wiener filter
+What the reading tells of the residual, whatever else is in that, is -M B G r,  M the triangular mean,  B : what a model lets the torque
+pass on its way to the motor (a dead time, a lag),  with the Wiener filter
 
     G = (S_s - (1 - L) L* S_p)/(S_s + |L|² S_p).
 
-All values are found together:   O = 2 Σ (ln S_r + I_r/S_r)  +  n ln Σ (W(e + M G r))²,   I_r : periodogram of r (Whittle).
+All values are found together:   O = 2 Σ (ln S_r + I_r/S_r)  +  n ln Σ (W(e + M B G r))²,   I_r : periodogram of r (Whittle).
 An effect that is missing in the model is in e, but not in r, and cannot be taken for torque of a process.
 Source: Whittle, Arkiv för Matematik 2 (1953); Wiener's filter as in Kailath, Sayed, Hassibi, Linear Estimation, 2000, chapter 7.
 """
@@ -16,7 +17,7 @@ Source: Whittle, Arkiv för Matematik 2 (1953); Wiener's filter as in Kailath, S
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -111,12 +112,16 @@ class NoisesProblem:
         The reading's to a torque that acts over one sample, L.
     scale_nm : float
         rms of r, N m.
+    between : callable
+        B, of z⁻¹.
     """
 
-    def __init__(self, parts: Sequence[RestPart], answer: Array, scale_nm: float) -> None:
+    def __init__(self, parts: Sequence[RestPart], answer: Array, scale_nm: float, between: Callable[[Complex], Complex]) -> None:
         self.parts, self.scale_nm = parts, scale_nm
         rests = [np.clip(part.rest, -OUTLIER * scale_nm, OUTLIER * scale_nm) for part in parts]
-        self._transformed = [(np.fft.rfft(rest), delay(len(rest)), response(answer, len(rest)), len(rest)) for rest in rests]
+        self._transformed = [
+            (np.fft.rfft(rest) * between(delay(len(rest))), delay(len(rest)), response(answer, len(rest)), len(rest)) for rest in rests
+        ]
         for part in PARTS:
             power = _periodograms(rests, part)
             self._number = 0.5 * len(power)  # two windows that overlap by half tell as much as one
@@ -136,7 +141,7 @@ class NoisesProblem:
         return np.asarray(sensor + np.abs(self._read) ** 2 * process)
 
     def _left(self, several: Sequence[TorqueNoises]) -> Array:
-        """W(e + M G r) for several noises, (n, k)."""
+        """W(e + M B G r) for several noises, (n, k)."""
         found = []
         for part, (rest, z, read, number) in zip(self.parts, self._transformed, strict=True):
             columns = np.zeros((number // part.every, len(several)))
