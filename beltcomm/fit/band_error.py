@@ -38,6 +38,8 @@ STRETCH_M = 1e-5
 WEIGHT = 0.98
 #: Standard errors that a change which is none exceeds once in 20 times, to one side.
 CHANCE = 1.645
+#: Share of the squares by which an error may rise that nobody reads off: 2 % of the error.
+READ_OFF = 0.04
 #: Deviations at which the Gaussian ends, and frequencies at which the noise is worked out.
 REACH, LINES = 4.0, 400
 
@@ -178,11 +180,14 @@ def changes(data: Data, before: Fitted, after: Fitted, ahead: Data | None = None
 
 
 def change(pairs: Sequence[tuple[Banded, Banded]]) -> tuple[float, float]:
-    """Sum of the squared errors after less before, without what their noise is more, and how far it may rise by chance, N² m².
+    """Sum of the squared errors after less before, without what their noise is more, and how far it may rise, N² m².
 
-    Of samples that count in both.  Noise is passed on otherwise by another model, most where the carriage is at its antiresonance.
+    Of samples that count in both.  Noise is passed on otherwise by another model, most where the carriage is at its antiresonance; less
+    noise, as it is predicted, makes no rise of an error that does not rise.
 
-    Chance is :data:`CHANCE` standard errors of a sum over blocks of 0.2 s, which takes neighbouring samples for what they are: one.
+    It may rise by chance, :data:`CHANCE` standard errors of a sum over blocks of 0.2 s, which takes neighbouring samples for what they
+    are: one; and by what nobody reads off, :data:`READ_OFF` of the squares.
+
     Where both errors are smaller than the noise that is predicted of them, their difference is none of the models': 0.
 
     Parameters
@@ -193,20 +198,23 @@ def change(pairs: Sequence[tuple[Banded, Banded]]) -> tuple[float, float]:
     Returns
     -------
     tuple of float
-        Change, negative where the error falls, and its chance.
+        Change, negative where the error falls, and how far it may rise.
     """
     blocks: list[Array] = [np.zeros(0)]
-    above, louder = np.zeros(2), 0.0
+    above, squares, louder = np.zeros(2), 0.0, 0.0
     for old, new in pairs:
         both = np.flatnonzero(old.keep & new.keep)
         above += [float(np.sum(one.error[both] ** 2)) - len(both) * one.noise**2 for one in (old, new)]
         louder += len(both) * (new.noise**2 - old.noise**2)
+        squares += float(np.sum(old.error[both] ** 2))
         differences = new.error[both] ** 2 - old.error[both] ** 2
         blocks.append(np.asarray(np.bincount(both // max(int(BLOCK_S / new.sample_s), 1), differences)))
     sums = np.concatenate(blocks)
     sums = sums[sums != 0.0]
-    rise = float(np.sum(sums)) - louder if above.max() > 0.0 else 0.0
-    return rise, CHANCE * math.sqrt(len(sums)) * float(np.std(sums)) if len(sums) else 0.0
+    read_off = float(np.sum(sums))
+    rise = read_off - louder if above.max() > 0.0 else 0.0
+    chance = CHANCE * math.sqrt(len(sums)) * float(np.std(sums)) if len(sums) else 0.0
+    return min(rise, max(read_off, 0.0)), max(chance, READ_OFF * squares)
 
 
 def low_passed(signal: Array, keep: NDArray[np.bool_], band_hz: float, sample_s: float) -> tuple[Array, NDArray[np.bool_]]:

@@ -179,8 +179,9 @@ def _fit_behind(
         The effect, which is not in the model that is returned: it is for the search to find.
     """
     known, _ = _fit_base(data, start.with_effect(between), fixed, None, False, lambda part: progress(0.8 * part))
-    same = (known.noise_nm, known.step_rad, {})
-    data = prepare_records(data.recordings, start, *same, path=known.path, colour=known.colour, single=known.single)
+    data = prepare_records(
+        data.recordings, start, known.noise_nm, known.step_rad, {}, path=known.path, colour=known.colour, single=known.single
+    )
     fitted = fit(data, start, FIRST_ITERATIONS, fixed=fixed)
     return _with_last_fit(*refit_with_rebuilt_motion(data, fitted, NEXT_ITERATIONS, fixed=fixed), fixed, publish, progress)
 

@@ -9,7 +9,7 @@ through acting = g(reported) has the factor |g'|, so O has -2 Σ ln g' more.  A 
 its noise is less, and what is left over must be less, too.
 
 Whatever it explains in units of the noise, an effect must lower the plain error (``plain_error``) as well, of the fitted records and of
-those held out.  Chance (95 %, over blocks of 0.2 s) is all that it may rise by where the error over the noise falls.
+those held out.  Where the error over the noise falls it may rise by chance (95 %, over blocks of 0.2 s), or by 2 %, which nobody reads off.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ def falls(change: tuple[float, float], before: float, after: float) -> bool:
     Parameters
     ----------
     change : tuple of float
-        Of the squares, and how far they may rise by chance.
+        Of the squares, and how far they may rise.
     before, after : float
         Errors over the noise.
     """

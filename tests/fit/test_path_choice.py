@@ -79,6 +79,15 @@ def test_a_filter_of_the_reading_is_told_from_one_of_the_drive() -> None:
     assert_right(fit, truth)
 
 
+def test_a_filter_of_the_reading_is_not_taken_for_the_drives_where_the_motion_comes_a_sample_late() -> None:
+    """By a model without a dead time the drive's filter would explain the motion better."""
+    fit = fitted(*session(3, read=lambda torque: np.roll(filtered(torque), -1)))
+    assert fit.path.drive is not None
+    assert fit.path.drive.lags == ()
+    assert fit.path.reading.delay_s(PERIOD_S) == pytest.approx(2e-3, rel=0.02)
+    assert fit.suspect  # the dead time is for a search to find
+
+
 def test_a_filter_of_the_drive_is_told_from_one_of_the_reading() -> None:
     """As one of a drive that smooths its setpoint: the reading is what acts, and hardly differs from that of the case before."""
     records, truth = session(3, share=0.5)

@@ -110,10 +110,24 @@ def test_the_filter_keeps_a_constant_has_three_decibel_at_the_edge_and_looks_at_
 def test_chance_is_the_scatter_of_the_change_over_blocks() -> None:
     random = np.random.default_rng(1)
     keep = np.ones(20_000, dtype=np.bool_)
-    one, other = (Banded("a", False, random.normal(size=20_000), keep.astype(float), keep, 0.0, 1e-3, np.zeros(0)) for _ in range(2))
+    one, other = (
+        Banded("a", False, size * random.normal(size=20_000), keep.astype(float), keep, 0.0, 1e-3, np.zeros(0)) for size in (0.1, 1.0)
+    )
     rise, chance = change([(one, other)])
     assert rise == pytest.approx(float(np.sum(other.error**2 - one.error**2)))
-    assert chance == pytest.approx(1.645 * np.sqrt(20_000 * 4.0), rel=0.2)  # each of two squares of normal numbers has variance 2
+    assert chance == pytest.approx(1.645 * np.sqrt(20_000 * 2.0), rel=0.2)  # the square of a normal number has variance 2
+
+
+def test_an_error_that_rises_by_less_than_two_per_cent_does_not_rise_and_less_noise_makes_no_rise() -> None:
+    keep = np.ones(20_000, dtype=np.bool_)
+    parts = [Banded("a", False, size * np.ones(20_000), keep.astype(float), keep, noise, 1e-3, np.zeros(0)) for size, noise in SIZES]
+    for other, rises in zip(parts[1:], (False, True, False), strict=True):
+        rise, may_rise = change([(parts[0], other)])
+        assert (rise > may_rise) is rises
+
+
+#: Error and noise before; then after: 1.9 % more, 2.1 % more, and the same error of less noise.
+SIZES = ((1.0, 0.5), (1.019, 0.5), (1.021, 0.5), (1.0, 0.1))
 
 
 @pytest.mark.parametrize(("noise", "differs"), [(0.5, True), (3.0, False)])

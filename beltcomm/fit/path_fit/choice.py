@@ -31,6 +31,8 @@ from beltcomm.recording import Recording
 NOTHING = 10.0
 #: Error over the noise up to which a faithful reading is not doubted.
 GOOD = 1.05
+#: Error over the noise from which on more than a path is missing.
+FAR_OFF = 2.0
 #: Largest value over the rms up to which what a reading leaves is rounding of setpoint and reading (2.45), and share of the torque of that.
 BOUNDED, HARDLY = 2.6, 0.01
 #: s of records that the splits are held against, and iterations of each fit.
@@ -132,7 +134,7 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
     trials = [*(_refine(data, lively, *trial) for trial in trials[:REFINED]), *trials[REFINED:]]
     less_likely = {other.at_end: other.cost - chain.cost} if other is not None else {}
     choice = _best_shape(data, lively, _best(trials, chain, less_likely=less_likely))
-    if choice.fitted is None or choice.fitted.ratio <= GOOD:
+    if choice.fitted is None or choice.fitted.ratio <= FAR_OFF:
         return choice
     others = [path for path in ways if path != choice.path]
     clear = math.log(max(choice.fitted.problem.samples, 2)) + CLEAR

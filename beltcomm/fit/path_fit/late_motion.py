@@ -20,7 +20,12 @@ MAY_LEAVE = 0.3
 
 
 def effect_between(
-    fit_by: Callable[[Model, TorquePath], Fitted], start: Model, chosen: TorquePath, fitted: Fitted, others: Sequence[TorquePath], clear: float
+    fit_by: Callable[[Model, TorquePath], Fitted],
+    start: Model,
+    chosen: TorquePath,
+    fitted: Fitted,
+    others: Sequence[TorquePath],
+    clear: float,
 ) -> str:
     """Name of the effect between reading and motion with which another path explains the records better than the chosen one.
 
