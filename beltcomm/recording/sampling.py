@@ -20,6 +20,9 @@ FAST_STEPS, FAST_NOISE = 8.0, 20.0
 AGREEING = 0.2
 #: A step above this many times its neighbours holds a missing row, one below that share of them a row written twice.
 LONG, SHORT = 1.6, 0.4
+#: Times its neighbours above, and below, which a step is unusual.  Lost rows make no step between these and the others: where such steps
+#: are as many, the motion itself is as rough.
+LONGER, SHORTER = 1.25, 0.75
 #: Largest deviation of a time step from a whole number of periods, in periods, that is no jitter.
 EVEN = 0.02
 #: Deviation, in periods, below which stamps differ by the rounding of their numbers.
@@ -85,8 +88,12 @@ def uneven_rows(t_s: Array, position: Array) -> Uneven:
         by_time = by_row * usual[at] / times[2:][at]
         if width == 1:
             judged = len(at)
-            missing += list(at[np.minimum(by_row, by_time) > LONG] + 3)
-            repeated += list(at[np.maximum(np.abs(by_row), np.abs(by_time)) < SHORT] + 3)
+            longest, shortest = np.minimum(by_row, by_time), np.maximum(np.abs(by_row), np.abs(by_time))
+            long, short = longest > LONG, shortest < SHORT
+            if np.count_nonzero(long) > np.count_nonzero((longest > LONGER) & ~long):
+                missing += list(at[long] + 3)
+            if np.count_nonzero(short) > np.count_nonzero((shortest < SHORTER) & ~short):
+                repeated += list(at[short] + 3)
         else:
             none_then_two = (np.abs(by_row) < SHORT) & (np.abs(by_time) < SHORT) & (steps[3:][at] / mean[at] > LONG)
             repeated += list(at[none_then_two] + 3)
