@@ -8,7 +8,7 @@
 A draw is a machine on the shipped axis' data sheet: carriage, belt, its damping and friction are drawn, and the SYNC period.  On each, an
 identification in open loop with a chirp, which passes the resonance with all that the limits allow, and on its run two in closed loop
 while the carriage travels: torque and speed setpoint excited.  Each runs undisturbed first, then again, and is forked at instants drawn
-from those in which the belt swings most (the largest twentieth of 20 ms); in the child it is ended by Ctrl-C, by the host's death or by a
+from those in which the belt swings most (the largest fiftieth of 20 ms); in the child it is ended by Ctrl-C, by the host's death or by a
 fault that brakes.  The machine's equations are the product's own here; independent ones are asked in tests/session/drawn_stops.py.
 """
 
@@ -45,7 +45,7 @@ ENDS = ("Ctrl-C", "host lost", "EMCY, braked")
 WAYS = ("open", "direct", "setpoint")
 PERIODS_S = (0.001, 0.001, 0.002)
 #: Largest share of the instants that are drawn from; s over which the belt's force is a maximum; s between two forks.
-LARGEST, OVER_S, APART_S = 0.05, 0.02, 0.03
+LARGEST, OVER_S, APART_S = 0.02, 0.02, 0.02
 AFTERWARDS_S = 3.0
 FEED_N = load_axis(AXIS).belt_force_limit_n
 #: Of the model's parameters: low and high factor, drawn evenly in their logarithms.
@@ -81,7 +81,7 @@ def swinging(belt_n: np.ndarray, tick_s: float) -> np.ndarray:
 
 @dataclass
 class Fork:
-    """Ends a copy of a command at each of some rows of the watch.   since : the row.   before_n : largest force until then."""
+    """Ends a copy of a command at each of some rows of the watch.   since : the row.   swing_n : largest force in the ``OVER_S`` before."""
 
     rig: SlaveRig
     branches: Branches
@@ -89,7 +89,7 @@ class Fork:
     draw: np.random.Generator
     end: str = ""
     since: int = 0
-    before_n: float = 0.0
+    swing_n: float = 0.0
 
     def look(self, _tick: int) -> None:
         """Each tick."""
@@ -98,7 +98,8 @@ class Fork:
             return
         end = str(self.draw.choice(ENDS))
         if self.branches.fork():
-            self.end, self.since, self.before_n = end, row, max(self.rig.examiner.belt_n)
+            over = round(OVER_S / self.rig.bus.tick_s)
+            self.end, self.since, self.swing_n = end, row, max(self.rig.examiner.belt_n[-over:])
             self.rig.end(end)
 
 
@@ -140,7 +141,7 @@ def judged(fork: Fork, way: str, told: dict[str, Any]) -> dict[str, Any]:
         "at_s": round(at * rig.bus.tick_s, 4),
         "speed_m_s": round(float(speed[at]), 3),
         "belt_n": round(float(belt[at:].max()), 1),
-        "record_n": round(fork.before_n, 1),
+        "swing_n": round(fork.swing_n, 1),
         "bears_n": round(FEED_N + float(told.get("cart_friction.level", 0.0)), 1),
         "stands": bool(np.abs(speed[-50:]).max() < STANDING_M_S and not watch.powered[-1]),
         "inside": bool(place[at:].min() >= TRAVEL_M[0] and place[at:].max() <= TRAVEL_M[1]),
@@ -170,13 +171,13 @@ def on_machine(seed: int, each: int) -> dict[str, Any]:
 
 def line(name: str, some: list[dict[str, Any]]) -> str:
     """One line on stops."""
-    belt, bears, before = (np.array([row[key] for row in some]) for key in ("belt_n", "bears_n", "record_n"))
+    belt, bears, swing = (np.array([row[key] for row in some]) for key in ("belt_n", "bears_n", "swing_n"))
     above = int((belt > bears).sum())
     share = share_of(name, above, len(some))
     bad = [sum(not row[key] for row in some) for key in ("stands", "inside", "restored")]
     return (
         f"{name}: {len(some)} stops, {above} above what the belt bears ({100 * share.low:.1f} to {100 * share.high:.1f} %), worst "
-        f"{(belt / bears).max():.2f} of it, {belt.max():.0f} N at most; in the records up to {before.max():.0f} N; not at rest {bad[0]}, "
+        f"{(belt / bears).max():.2f} of it, {belt.max():.0f} N at most; up to {swing.max():.0f} N before, {(belt / swing).max():.2f} times that at most; not at rest {bad[0]}, "
         f"outside {bad[1]}, not restored {bad[2]}"
     )
 
