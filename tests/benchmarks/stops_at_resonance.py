@@ -175,10 +175,11 @@ def line(name: str, some: list[dict[str, Any]]) -> str:
     above = int((belt > bears).sum())
     share = share_of(name, above, len(some))
     bad = [sum(not row[key] for row in some) for key in ("stands", "inside", "restored")]
+    wrong = f"not at rest {bad[0]}, outside {bad[1]}, not restored {bad[2]}"
     return (
         f"{name}: {len(some)} stops, {above} above what the belt bears ({100 * share.low:.1f} to {100 * share.high:.1f} %), worst "
-        f"{(belt / bears).max():.2f} of it, {belt.max():.0f} N at most; up to {swing.max():.0f} N before, {(belt / swing).max():.2f} times that at most; not at rest {bad[0]}, "
-        f"outside {bad[1]}, not restored {bad[2]}"
+        f"{(belt / bears).max():.2f} of it, {belt.max():.0f} N at most; up to {swing.max():.0f} N before, "
+        f"{(belt / swing).max():.2f} times that at most; {wrong}"
     )
 
 
