@@ -160,7 +160,8 @@ def _ended(case: Case, outcome: Outcome, run: Path, rig: Rig) -> list[str]:
         wrong.append("the sentence says that nothing was moved, and it was")
     if outcome.code not in (0, 1) and not sentence:
         wrong.append("no sentence")
-    if sentence and not re.search(true, sentence):
+    undisturbed = outcome.code == case.normal and case.kind not in ALWAYS  # it then says what it says when nothing is wrong
+    if sentence and not undisturbed and not re.search(true, sentence):
         wrong.append("the sentence does not name the cause")
     if sentence and re.search(false, sentence):
         wrong.append("the sentence names another cause")
