@@ -28,7 +28,7 @@ from beltcomm.sentences.own_words import aligned, lines_in, own_words, text_in
 from beltcomm.sentences.watch import COLUMNS, head_line, summary_lines
 from beltcomm.simulate.forward import rigid_force_n, simulate_torque
 from beltcomm.watching.drift import AxisDrift
-from beltcomm.watching.judge import MoveEstimate
+from beltcomm.watching.estimates import MoveEstimate
 from beltcomm.watching.limits import Limit
 
 OTHERS = [name for name in config_names("axes") if load_axis(name).kind in KINDS]

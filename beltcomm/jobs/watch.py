@@ -33,9 +33,10 @@ from beltcomm.trajectory import plan_trajectory, with_dwell
 from beltcomm.verify import REST_S
 from beltcomm.watching import store
 from beltcomm.watching.bus_stream import BusStream
-from beltcomm.watching.drift import POOL, AxisDrift, Standing
+from beltcomm.watching.drift import AxisDrift
+from beltcomm.watching.estimates import ERROR, POOL, MoveEstimate, Standing
 from beltcomm.watching.growing_log import GrowingLog
-from beltcomm.watching.judge import ERROR, Judge, JudgedMove, MoveEstimate
+from beltcomm.watching.judge import Judge, JudgedMove
 from beltcomm.watching.limits import LIMITS, limits_given
 from beltcomm.watching.moves import StreamPart, moves_in
 
@@ -186,11 +187,12 @@ def watch(
     explainable(opened.fitted.ratio, folder.path)
     judge = Judge(opened)
     reference = {**judge.reference, ERROR: MoveEstimate(judge.ratio, 0.0)}
-    given = limits_given(limits)
-    if unknown := sorted(set(given) - set(reference)):
-        raise UsageError(f"a move tells nothing of {unknown[0]}; of this axis it tells {', '.join(sorted(reference))}")
+    given, drift = limits_given(limits), AxisDrift(reference, LIMITS, judge.width_m)
+    if unknown := sorted(set(given) - set(drift.keys)):
+        raise UsageError(f"a move tells nothing of {unknown[0]}; of this axis it tells {', '.join(sorted(drift.keys))}")
     read = reading or Reading()
-    state = _Watch(judge, AxisDrift(reference, {**LIMITS, **given}), folder, lambda at_s: at_s, tell or _silent, hour or _time_of_day)
+    drift = AxisDrift(reference, {**LIMITS, **given}, judge.width_m)
+    state = _Watch(judge, drift, folder, lambda at_s: at_s, tell or _silent, hour or _time_of_day)
     _resume(state, anew)
     with ExitStack() as stack:
         if log is not None:
@@ -233,8 +235,7 @@ def _resume(state: _Watch, anew: bool) -> None:
             state.drift.begin_anew()
             state.standings = []
             continue
-        told = store.told_by(entry)
-        state.standings = state.drift.add_told(told)
+        state.standings = state.drift.add_told(store.told_by(entry), store.places_told(entry))
         state.known.add((entry["date_s"], entry.get("error_over_noise")))
         state.before += 1
     state.states = {one.key: one.state for one in state.standings}
@@ -411,6 +412,7 @@ def _entry(
         "error_over_noise": judged.ratio,
         "error_interval": judged.ratio_interval,
         "quantities": {key: {"value": one.value, "interval": one.interval} for key, one in judged.quantities.items()},
+        "places": {str(number): [float(f"{one.value:.4g}"), float(f"{one.interval:.4g}")] for number, one in judged.places.items()},
         "over_the_last_moves": {
             one.key: {
                 "value": _finite(one.value),
@@ -419,6 +421,7 @@ def _entry(
                 "low": one.low,
                 "high": one.high,
                 "state": one.state,
+                **({} if one.place_m is None else {"place_m": one.place_m}),
             }
             for one in standings
         },

@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 
 from beltcomm.result import Line
 from beltcomm.sentences.words import DERIVED, SHOWN, number
-from beltcomm.watching.drift import FEWEST, POOL, Standing
-from beltcomm.watching.judge import ERROR, JudgedMove
+from beltcomm.watching.estimates import ERROR, FEWEST, POOL, Standing
+from beltcomm.watching.judge import JudgedMove
+from beltcomm.watching.places import PLACE
 
 #: Key -> words, unit shown, factor: as everywhere, and of what no fit by the design source has.
 NAMED: Mapping[str, tuple[str, str, float]] = {
@@ -16,6 +17,7 @@ NAMED: Mapping[str, tuple[str, str, float]] = {
     **DERIVED,
     "belt_sections.specific_stiffness": SHOWN["belt_spans.specific_stiffness"],
     "mass": ("moved mass", "kg", 1.0),
+    PLACE: ("friction at a place", "mN m", 1e3),
     ERROR: ("error over the noise", "x", 1.0),
 }
 #: Key -> title of its column, and what it means when it is more or less.
@@ -28,6 +30,7 @@ COLUMNS: Mapping[str, tuple[str, str, str]] = {
     "cart.mass": ("load", "load heavier", "load lighter"),
     "mass": ("load", "load heavier", "load lighter"),
     "motor.inertia": ("inertia", "more inertia", "less inertia"),
+    PLACE: ("at place", "tight spot", "friction down"),
     ERROR: ("error", "something the model does not know acts on the axis", "less than the noise is left"),
 }
 _STYLE = {"alarm": "bad", "changed": "note", "steady": "", "few": "soft"}
@@ -62,10 +65,11 @@ def _change(one: Standing) -> str:
 def event_sentence(one: Standing) -> str:
     """Change of a quantity, from what to what, and the limit."""
     (words, unit, factor), (_, more, less) = NAMED[one.key], COLUMNS[one.key]
+    place = "" if one.place_m is None else f" at {1e3 * one.place_m:.0f} mm"
     if one.state == "steady":
-        return f"{words} is back: {number(factor * one.value, factor * one.interval, unit)}"
+        return f"{words} is back{place}: {number(factor * one.value, factor * one.interval, unit)}"
     against, when = one.against, "by the first moves" if one.base is not None else "in the run"
-    what = more if one.value > against.value else less
+    what = (more if one.value > against.value else less) + place
     was = number(factor * against.value, factor * against.interval, unit)
     text = f"{what}: {words} {number(factor * one.value, factor * one.interval, unit)}, {was} {when}"
     bound = one.high if one.value > against.value else one.low

@@ -16,66 +16,19 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Literal
-
-import numpy as np
-from scipy.special import stdtrit
+from collections.abc import Mapping
 
 from beltcomm.identify.course import NORMAL
-from beltcomm.watching.judge import ERROR, JudgedMove, MoveEstimate
+from beltcomm.watching.estimates import ERROR, FEWEST, POOL, MoveEstimate, Standing, State, pooled
+from beltcomm.watching.judge import JudgedMove
 from beltcomm.watching.limits import UNKNOWN, USUAL, Limit
+from beltcomm.watching.places import PLACE, PlaceDrift
 
-State = Literal["few", "steady", "changed", "alarm"]
-
-#: Moves that are taken together, moves before anything is said, and moves of the base.
-POOL, FEWEST, BASE = 10, 5, 20
+#: Moves of the base.
+BASE = 20
 #: Deviations beyond which a change is no chance, in a thousand moves and with some quantities looked at: set on one set of simulated
 #: axes, told on another (docs/watch.md).
 SURE = 4.5
-
-
-@dataclass(frozen=True)
-class Standing:
-    """A quantity over the last moves.
-
-    Attributes
-    ----------
-    reference : MoveEstimate
-        Of the run.
-    base : MoveEstimate or None
-        Of the first moves; None while they are driven.
-    value, interval : float
-        SI, 95 %; nan before enough moves have told it.
-    low, high : float or None
-        Limits, SI.
-    """
-
-    key: str
-    reference: MoveEstimate
-    base: MoveEstimate | None
-    value: float
-    interval: float
-    low: float | None
-    high: float | None
-    why: str
-    state: State
-
-    @property
-    def against(self) -> MoveEstimate:
-        """Estimate that a change is held against: the base, the run before there is one."""
-        return self.base or self.reference
-
-    @property
-    def change(self) -> float:
-        """Share of the base."""
-        return self.value / self.against.value - 1.0
-
-    @property
-    def change_interval(self) -> float:
-        """Its interval, that of the base in it."""
-        return math.hypot(self.interval, self.against.interval * self.value / self.against.value) / abs(self.against.value)
 
 
 class AxisDrift:
@@ -87,26 +40,38 @@ class AxisDrift:
         By the run; the error over the noise among them, under :data:`~beltcomm.watching.judge.ERROR`.
     limits : dict of str to Limit
         By key.
+    width_m : float or None
+        Length of a place of the travel at which friction is followed; None where places are not known.
     """
 
-    def __init__(self, reference: Mapping[str, MoveEstimate], limits: Mapping[str, Limit]) -> None:
+    def __init__(self, reference: Mapping[str, MoveEstimate], limits: Mapping[str, Limit], width_m: float | None = None) -> None:
         self._reference, self._limits = dict(reference), dict(limits)
         self._last: dict[str, deque[MoveEstimate]] = {}
         self._first: dict[str, list[MoveEstimate]] = {}
         self._base: dict[str, MoveEstimate] = {}
+        friction = reference.get("coulomb_total")
+        follows = width_m is not None and friction is not None
+        self._places = PlaceDrift(friction, limits.get(PLACE), width_m) if follows else None  # type: ignore[arg-type]
         self.begin_anew()
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Of all that is followed."""
+        return (*self._reference, *((PLACE,) if self._places is not None else ()))
 
     def begin_anew(self) -> None:
         """Begin a new base with the next move."""
         self._last = {key: deque(maxlen=POOL) for key in self._reference}
         self._first, self._base = {key: [] for key in self._reference}, {}
+        if self._places is not None:
+            self._places.begin_anew()
 
     def add(self, move: JudgedMove) -> list[Standing]:
         """One more move; how all stand now."""
-        return self.add_told({**move.quantities, ERROR: MoveEstimate(move.ratio, move.ratio_interval)})
+        return self.add_told({**move.quantities, ERROR: MoveEstimate(move.ratio, move.ratio_interval)}, move.places)
 
-    def add_told(self, told: Mapping[str, MoveEstimate]) -> list[Standing]:
-        """Add what a move told; how all stand now."""
+    def add_told(self, told: Mapping[str, MoveEstimate], places: Mapping[int, MoveEstimate] | None = None) -> list[Standing]:
+        """Add what a move told, of the axis and of places of its travel; how all stand now."""
         for key, last in self._last.items():
             if key not in told:
                 continue
@@ -117,7 +82,7 @@ class AxisDrift:
                     self._first[key].clear()
                 elif len(self._first[key]) >= BASE:
                     self._base[key] = MoveEstimate(*pooled(key, self._first[key]))
-        return [self._standing(key) for key in self._last]
+        return [*(self._standing(key) for key in self._last), *([] if self._places is None else [self._places.add(places or {})])]
 
     def _standing(self, key: str) -> Standing:
         reference, base, last = self._reference[key], self._base.get(key), self._last[key]
@@ -136,28 +101,3 @@ class AxisDrift:
         beyond = (low is not None and value + interval < low) or (high is not None and value - interval > high)
         state: State = "alarm" if beyond and sure else "changed" if sure and not usual and base is not None else "steady"
         return Standing(key, reference, base, value, interval, low, high, why, state)
-
-
-def pooled(key: str, told: Sequence[MoveEstimate]) -> tuple[float, float]:
-    """A quantity over moves, and its interval."""
-    if len(told) == 1:
-        return told[0].value, told[0].interval
-    return _median(told) if key == ERROR else _mean(told)
-
-
-def _mean(last: Sequence[MoveEstimate]) -> tuple[float, float]:
-    values, halves = np.array([one.value for one in last]), np.array([max(one.interval, 1e-300) for one in last])
-    weights = (NORMAL / halves) ** 2
-    value = float(np.sum(weights * values) / np.sum(weights))
-    square = float(np.sum(weights * (values - value) ** 2)) / (len(values) - 1)
-    wide = max(NORMAL, float(stdtrit(len(values) - 1, 0.975)) * math.sqrt(square))
-    return value, wide / math.sqrt(float(np.sum(weights)))
-
-
-def _median(last: Sequence[MoveEstimate]) -> tuple[float, float]:
-    """Median; its interval by the moves' own or by their scatter, √(π/2) wider than that of a mean."""
-    values = np.array([one.value for one in last])
-    middle = float(np.median(values))
-    own = float(np.median([one.interval for one in last]))
-    scatter = NORMAL * 1.4826 * float(np.median(np.abs(values - middle)))
-    return middle, math.sqrt(0.5 * math.pi / len(values)) * max(own, scatter)

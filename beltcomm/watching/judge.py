@@ -24,6 +24,8 @@ from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.rundata.fitted_run import Opened
 from beltcomm.simulate.stopping import total_friction, total_viscous
+from beltcomm.watching.estimates import MoveEstimate
+from beltcomm.watching.places import MOST, WIDTH_M, friction_at_places
 
 #: Parameters that age or are loaded, by the quantity that is shown: the first of each that the model has is told by a move.
 FOLLOWED: dict[str, tuple[str, ...]] = {
@@ -42,16 +44,9 @@ VAGUE = 1.0
 #: Values of the residual without which the quantities are not told: as many moves are taken together as make them, some at most, for behind
 #: a coarse encoder few of a move are independent.   Values without which a motion is no move.
 ENOUGH, MOST_TOGETHER, FEWEST_VALUES = 120, 20, 8
-#: Name of the error over the noise among the quantities.
-ERROR = "model_error"
-
-
-@dataclass(frozen=True)
-class MoveEstimate:
-    """value, interval : SI, 95 %, of one quantity by one move."""
-
-    value: float
-    interval: float
+#: Error, as a share of the run's, above which other stiffnesses are tried; those, as shares of the run's; how much better one must be:
+#: a belt that rings several times in a move leaves a minimum for every ring more or less.
+ASTRAY, STIFFNESSES, BETTER = 1.2, (0.9, 0.8, 0.7, 0.6, 1.1), 0.8
 
 
 @dataclass(frozen=True)
@@ -64,6 +59,8 @@ class JudgedMove:
         Error over the noise with the few parameters that age told anew: 1 when the model still explains the axis.
     quantities : dict of str to MoveEstimate
         By the key of a trend, told by this move and those before it that told none; without those that they do not tell.
+    places : dict of int to MoveEstimate
+        Friction beside the model's at each place of the travel, by its number, N m.
     travel_m, duration_s, following_m
         Way (rad where no carriage is known), time, following error of the motor where the stream has a reference, else None.
     """
@@ -71,6 +68,7 @@ class JudgedMove:
     ratio: float
     ratio_interval: float
     quantities: dict[str, MoveEstimate]
+    places: dict[int, MoveEstimate]
     travel_m: float
     duration_s: float
     following_m: float | None
@@ -85,6 +83,8 @@ class Judge:
         What the run says of each quantity that is followed.
     ratio : float
         Error over the noise that the run's model leaves of its own records, at least 1.
+    width_m : float or None
+        Length of a place of the travel, at which friction is followed; None for an axis without a transmission.
     """
 
     def __init__(self, opened: Opened) -> None:
@@ -104,6 +104,8 @@ class Judge:
         self._together: list[Recording] = []
         self._latest = self.model
         self._values = 0
+        travel = self.axis.travel.ends_m
+        self.width_m = max(WIDTH_M, (travel[1] - travel[0]) / MOST) if self.model.get("transmission.ratio") else None
         self.zero_m = _zero_of(opened.records.recordings, self.model.get("transmission.ratio"))
 
     def _weights(self, key: str) -> dict[str, float]:
@@ -144,8 +146,19 @@ class Judge:
         )
 
     def fitted_to(self, moves: Sequence[Recording]) -> Fitted:
-        """The run's model with what ages fitted to moves."""
-        return fit(self.prepared(moves), self.model, ITERATIONS, fixed=self._kept)
+        """The run's model with what ages fitted to moves: from where the last ones left it, from the run, and with other belts."""
+        starts = [self._latest] if self._latest is self.model else [self._latest, self.model]
+        best = min((self._fit(moves, start) for start in starts), key=lambda one: one.ratio)
+        stiffness = next((name for name in self._names.values() if name.startswith("belt_")), None)
+        if stiffness is None or not best.ratio > ASTRAY * self.ratio:
+            return best
+        bounds = self.model.parameters[stiffness]
+        others = [float(np.clip(share * bounds.value, bounds.low, bounds.high)) for share in STIFFNESSES]
+        other = min((self._fit(moves, self.model.with_values({stiffness: value})) for value in others), key=lambda one: one.ratio)
+        return other if other.ratio < BETTER * best.ratio else best
+
+    def _fit(self, moves: Sequence[Recording], start: Model) -> Fitted:
+        return fit(self.prepared(moves, start), start, ITERATIONS, fixed=self._kept)
 
     @property
     def _kept(self) -> list[str]:
@@ -161,19 +174,20 @@ class Judge:
         self._values += values
         if self._values >= ENOUGH or len(self._together) >= MOST_TOGETHER:
             fitted = self.fitted_to(self._together)
-            found = self._told(fitted)
+            found, places = self._told(fitted), self._places(fitted)
             self._latest = fitted.model
             self._together.clear()
             self._values = 0
         else:
             problem = problem_of(data, self._latest, self._kept)  # what has aged is no error of the model
             fitted, found = evaluate_at(data, problem, problem.start()), {}
+            places = {}
         ratio = (self.model.get("transmission.ratio") or 1.0) if move.side != "load" else 1.0
         off = None
         if move.reference_position is not None:
             off = ratio * float(np.max(np.abs(move.reference_position - move.position)))
         chance = NORMAL * fitted.ratio / math.sqrt(2.0 * fitted.problem.samples)
-        return JudgedMove(fitted.ratio, chance, found, ratio * float(np.ptp(move.position)), float(move.t_s[-1] - move.t_s[0]), off)
+        return JudgedMove(fitted.ratio, chance, found, places, ratio * float(np.ptp(move.position)), float(move.t_s[-1] - move.t_s[0]), off)
 
     def _told(self, fitted: Fitted) -> dict[str, MoveEstimate]:
         spread, ratio = parameter_spread(fitted), self.model.get("transmission.ratio") or 1.0
@@ -184,6 +198,11 @@ class Judge:
             if half is not None and math.isfinite(half) and factor * half < VAGUE * abs(self.reference[key].value):
                 found[key] = MoveEstimate(self._value(key, fitted.model), factor * half)
         return found
+
+    def _places(self, fitted: Fitted) -> dict[int, MoveEstimate]:
+        """Friction at each place, where the moves say where they were driven."""
+        known = self.width_m is not None and all(move.sidecar.start_position_m is not None for move in self._together)
+        return friction_at_places(fitted, self.width_m) if known and self.width_m is not None else {}
 
     def suspects(self, moves: Sequence[Recording], most: int = 3) -> list[tuple[str, str, float]]:
         """Effects by which the error of these moves would fall most, by the score test: name, title, evidence."""

@@ -50,6 +50,7 @@ LIMITS: Mapping[str, Limit] = {
     "belt_sections.specific_stiffness": _STIFFNESS,
     "resonance": Limit(-0.1, 0.1, "prefilter and margins were proven for the resonance found; 10 % are one fifth of the belt's stiffness"),
     "coulomb_total": Limit(-0.4, 0.5, "half as much again: grease, guide or bearing; 40 % less: the belt has lost its tension"),
+    "friction_at_place": Limit(None, 0.5, "half of the axis's friction more at one place: dirt, a dent, a bent rail, a cable that rubs"),
     "viscous_total": Limit(None, 1.0, "twice as much: grease that has hardened, or dirt"),
     "cart.mass": _LOAD,
     "mass": _LOAD,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -13,8 +14,8 @@ from beltcomm.atomic import append_line
 from beltcomm.errors import UsageError
 from beltcomm.locks import link_refused
 from beltcomm.outside import opened
-from beltcomm.watching.drift import BASE, pooled
-from beltcomm.watching.judge import ERROR, MoveEstimate
+from beltcomm.watching.drift import BASE
+from beltcomm.watching.estimates import ERROR, MoveEstimate, pooled
 
 FOLDER, FILE = "watch", "moves.jsonl"
 DAY_S = 86400.0
@@ -75,6 +76,18 @@ def told_by(entry: Mapping[str, Any]) -> dict[str, MoveEstimate]:
         value, interval = _within(value, *_SIZES), _within(interval, *_SIZES)
         if value is not None and interval is not None:
             found[str(key)] = MoveEstimate(value, interval)
+    return found
+
+
+def places_told(entry: Mapping[str, Any]) -> dict[int, MoveEstimate]:
+    """Friction beside the model's by the number of its place, as a move told it."""
+    found = {}
+    kept = entry.get("places")
+    for number, one in kept.items() if isinstance(kept, dict) else ():
+        pair = one if isinstance(one, list) and len(one) == 2 else (None, None)
+        value, interval = _within(pair[0], -_SIZES[1], _SIZES[1]), _within(pair[1], *_SIZES)
+        if re.fullmatch(r"-?\d{1,6}", number) and value is not None and interval is not None:
+            found[int(number)] = MoveEstimate(value, interval)
     return found
 
 

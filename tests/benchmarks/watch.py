@@ -5,7 +5,8 @@
 
 An axis is drawn, its session recorded and fitted; then it drives a cycle of moves over and over, drawn too.  Healthy is what goes on by
 itself: friction that breathes with the temperature by up to 8 % in all.  A fault grows evenly from the hundredth move to the last one:
-Coulomb friction by 70 %, stiffness of the belt by -30 %, load by 15 %, or a tight spot.  Thresholds were set on seeds below 100.
+Coulomb friction by 70 %, stiffness of the belt by -30 %, load by 15 %, or a tight spot, 60 mm long, by 150 % of the
+Coulomb friction.  Thresholds were set on seeds below 100.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ from beltcomm.recording import Sidecar, recording_from_columns
 from beltcomm.rundata.fitted_run import open_fitted
 from beltcomm.talk import Silence
 from beltcomm.watching.drift import AxisDrift
-from beltcomm.watching.judge import ERROR, Judge, MoveEstimate
+from beltcomm.watching.estimates import ERROR, MoveEstimate
+from beltcomm.watching.judge import Judge
 from beltcomm.watching.limits import LIMITS
 from truth.hidden import Machine, draw, readings
 from truth.hidden import layout as at
@@ -36,7 +38,7 @@ from truth.hidden.session import Session, abilities
 from truth.hidden.signals import Path as Motion
 
 #: Growth from the first to the last move, moves before it begins, and moves of one cycle.
-GROWTH = {"healthy": 0.0, "coulomb": 0.7, "belt": -0.3, "load": 0.15, "tight": 1.0}
+GROWTH = {"healthy": 0.0, "coulomb": 0.7, "belt": -0.3, "load": 0.15, "tight": 1.5}
 BEGINS, CYCLE = 100, 6
 BREATHES = 0.04
 
@@ -73,7 +75,8 @@ class Production:
         elif self.fault == "load":
             p[at.M] *= 1.0 + grown
         elif self.fault == "tight":
-            p[at.TIGHT], p[at.TIGHT_PLACE], p[at.TIGHT_WIDTH] = grown, 0.5 * self.machine.base.stroke_m, 0.03
+            p[at.TIGHT], p[at.TIGHT_FLANK] = grown * self.machine.base.coulomb_nm, 0.01
+            p[at.TIGHT_PLACE], p[at.TIGHT_WIDTH] = 0.5 * self.machine.base.stroke_m, 0.03
         way, speed, acceleration = self.cycle[number % CYCLE]
         path = Motion(float(self.session.state[at.ANGLE] * self.machine.base.radius_m), self.machine.instruments.period_s)
         made = self.session.follow(path.rest(0.1).move(way, speed, acceleration).rest(0.25).reference(), self.session._tracking)
@@ -94,7 +97,7 @@ def one(fault: str, seed: int, moves: int) -> dict[str, Any]:
         write_session(machine, run, "default")
         judge = Judge(open_fitted(run, Silence()))
         fitted_s = time.process_time() - began
-        drift = AxisDrift({**judge.reference, ERROR: MoveEstimate(judge.ratio, 0.0)}, LIMITS)
+        drift = AxisDrift({**judge.reference, ERROR: MoveEstimate(judge.ratio, 0.0)}, LIMITS, judge.width_m)
         production = Production(machine, fault, moves)
         first: dict[str, dict[str, int]] = {"changed": {}, "alarm": {}}
         worst: dict[str, float] = {}
@@ -146,7 +149,7 @@ def grown(line: dict[str, Any], number: int | None) -> str:
 
 
 #: Quantity that a fault shows in.
-SHOWS = {"coulomb": "coulomb_total", "belt": "belt_stiffness.stiffness", "load": "cart.mass", "tight": ERROR}
+SHOWS = {"coulomb": "coulomb_total", "belt": "belt_stiffness.stiffness", "load": "cart.mass", "tight": "friction_at_place"}
 
 
 def table(files: list[str]) -> None:

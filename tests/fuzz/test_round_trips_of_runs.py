@@ -31,7 +31,7 @@ from beltcomm.study.file import load_study
 from beltcomm.study.job import line_text, read_members
 from beltcomm.study.population import nominal_of, population_from
 from beltcomm.watching import store
-from beltcomm.watching.judge import ERROR, MoveEstimate
+from beltcomm.watching.estimates import ERROR, MoveEstimate
 from fuzz.test_round_trips import any_text, finite, names, plain_values, words
 
 AXIS, MODEL = load_axis("egc-70-600"), load_plant("g_a").model

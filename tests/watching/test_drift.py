@@ -10,8 +10,8 @@ import pytest
 
 from beltcomm.errors import UsageError
 from beltcomm.watching import store
-from beltcomm.watching.drift import BASE, FEWEST, AxisDrift, Standing
-from beltcomm.watching.judge import ERROR, MoveEstimate
+from beltcomm.watching.drift import BASE, AxisDrift
+from beltcomm.watching.estimates import ERROR, FEWEST, MoveEstimate, Standing
 from beltcomm.watching.limits import LIMITS, Limit, limits_given
 
 KEY = "coulomb_total"

@@ -1,0 +1,98 @@
+"""A quantity of an axis by one move, by several together, and how it stands."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.special import stdtrit
+
+from beltcomm.identify.course import NORMAL
+
+State = Literal["few", "steady", "changed", "alarm"]
+
+#: Moves that are taken together, and moves before anything is said.
+POOL, FEWEST = 10, 5
+#: Name of the error over the noise among the quantities.
+ERROR = "model_error"
+
+
+@dataclass(frozen=True)
+class MoveEstimate:
+    """value, interval : SI, 95 %, of one quantity by one move."""
+
+    value: float
+    interval: float
+
+
+@dataclass(frozen=True)
+class Standing:
+    """A quantity over the last moves.
+
+    Attributes
+    ----------
+    reference : MoveEstimate
+        Of the run.
+    base : MoveEstimate or None
+        Of the first moves; None while they are driven.
+    value, interval : float
+        SI, 95 %; nan before enough moves have told it.
+    low, high : float or None
+        Limits, SI.
+    place_m : float or None
+        Of the carriage, of a quantity that is one of a place.
+    """
+
+    key: str
+    reference: MoveEstimate
+    base: MoveEstimate | None
+    value: float
+    interval: float
+    low: float | None
+    high: float | None
+    why: str
+    state: State
+    place_m: float | None = None
+
+    @property
+    def against(self) -> MoveEstimate:
+        """Estimate that a change is held against: the base, the run before there is one."""
+        return self.base or self.reference
+
+    @property
+    def change(self) -> float:
+        """Share of the base."""
+        return self.value / self.against.value - 1.0
+
+    @property
+    def change_interval(self) -> float:
+        """Its interval, that of the base in it."""
+        return math.hypot(self.interval, self.against.interval * self.value / self.against.value) / abs(self.against.value)
+
+
+def pooled(key: str, told: Sequence[MoveEstimate]) -> tuple[float, float]:
+    """A quantity over moves, and its interval."""
+    if len(told) == 1:
+        return told[0].value, told[0].interval
+    return _median(told) if key == ERROR else _mean(told)
+
+
+def _mean(last: Sequence[MoveEstimate]) -> tuple[float, float]:
+    values, halves = np.array([one.value for one in last]), np.array([max(one.interval, 1e-300) for one in last])
+    weights = (NORMAL / halves) ** 2
+    value = float(np.sum(weights * values) / np.sum(weights))
+    square = float(np.sum(weights * (values - value) ** 2)) / (len(values) - 1)
+    wide = max(NORMAL, float(stdtrit(len(values) - 1, 0.975)) * math.sqrt(square))
+    return value, wide / math.sqrt(float(np.sum(weights)))
+
+
+def _median(last: Sequence[MoveEstimate]) -> tuple[float, float]:
+    """Median; its interval by the moves' own or by their scatter, √(π/2) wider than that of a mean."""
+    values = np.array([one.value for one in last])
+    middle = float(np.median(values))
+    own = float(np.median([one.interval for one in last]))
+    scatter = NORMAL * 1.4826 * float(np.median(np.abs(values - middle)))
+    return middle, math.sqrt(0.5 * math.pi / len(values)) * max(own, scatter)
