@@ -38,7 +38,10 @@ _TARGETS = {
     **dict.fromkeys(("following_error_m?", "settled_error_m?", "settled_after_s?", "distance_m?"), SIZE),
     **dict.fromkeys(("at?", "move?"), str),
 }
-_DRIVEN = {"gains?": {str: float}, "further_payloads_kg?": [SIZE], "path?": (float, float, float), "led_by?": str}
+_DRIVEN = {
+    **{"gains?": {str: float}, "further_payloads_kg?": [SIZE], "path?": (float, float, float), "led_by?": str},
+    "limits?": dict.fromkeys(("speed_m_s", "acceleration_m_s2", "jerk_m_s3"), SIZE),
+}
 _STRUCTURE: dict[str, Any] = {
     "": None,
     "name": str,
@@ -138,6 +141,7 @@ TYPES: Mapping[str, Any] = {
     "verify": {
         **{"passed": bool, "measured": _ERROR, "predicted": _ERROR, "measured_cart?": _ERROR, "predicted_cart?": _ERROR},
         **{"predicted_range?": (_ERROR, _ERROR), "reasons?": [str], "reservations?": [str], "targets?": _TARGETS},
+        "driven?": {"gains": {str: float}, "sending": str, "time_s": float},
         **{"proof?": _DRIVEN, "verified?": _HASHES, "own_loop?": bool},
     },
 }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -75,6 +75,25 @@ class TrackingError:
 
 
 @dataclass(frozen=True)
+class Driven:
+    """What a move was driven and predicted with.
+
+    Attributes
+    ----------
+    gains : dict of str to float
+        As they ran in the drive, which holds them to its own digits.
+    sending : str
+        What the host sent along.
+    time_s : float
+        Session's clock at its start.
+    """
+
+    gains: Mapping[str, float]
+    sending: str
+    time_s: float
+
+
+@dataclass(frozen=True)
 class Verdict:
     """Measured against predicted, at the motor and, where something measures it, at the carriage; with reasons in words.
 
@@ -84,6 +103,8 @@ class Verdict:
         Smallest and largest error at the motor for what is not known beforehand, see :func:`predict_range`.
     targets : AxisTargets
         That it was judged by.
+    driven : Driven or None
+        What was driven; None where no prediction tells it.
     """
 
     passed: bool
@@ -94,6 +115,7 @@ class Verdict:
     reasons: tuple[str, ...]
     predicted_range: tuple[TrackingError, TrackingError] | None = None
     targets: AxisTargets = NO_TARGETS
+    driven: Driven | None = None
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.held_knobs import OutOfReach
 from beltcomm.design.margins import margins
 from beltcomm.design.measured import measured_loop
+from beltcomm.drive.parameters import parameters_to_cascade
 from beltcomm.errors import DataError, UsageError
 from beltcomm.given import number, pasted
 from beltcomm.jobs.design import Basis, basis_of, delivered
@@ -28,9 +29,11 @@ from beltcomm.rundata import analyse, offline
 from beltcomm.rundata.conditions import condition_of
 from beltcomm.rundata.delays import assume_delay, delay
 from beltcomm.rundata.design_proof import plant_responses
-from beltcomm.rundata.run_move import move_of
+from beltcomm.rundata.proof import same_gains
+from beltcomm.rundata.run_move import move_of, verified
 from beltcomm.rundata.store import cascade_from_dict, saved_design
 from beltcomm.runfolder import RunFolder
+from beltcomm.sending import Sending
 from beltcomm.talk import Silence
 from beltcomm.trajectory import Trajectory, plan_trajectory, with_dwell
 from beltcomm.tuning.bench import Bench, CascadeView, TrackingPrediction
@@ -288,7 +291,17 @@ def ground_of(basis: Basis, saved: Mapping[str, Any], move: Path | None = None) 
         present,
         tuple(sorted({*(lag for lag in VELOCITY_FILTERS_S if _in_drive(lag, structure)), present.velocity_filter_s})),
         folder.axis.targets,
+        *_driven(folder, saved, structure),
     )
+
+
+def _driven(folder: RunFolder, saved: Mapping[str, Any], structure: CascadeStructure) -> tuple[Cascade | None, Sending, float]:
+    """The present design as the move that verified it last drove it, what was sent along, and the session's clock at its start."""
+    result = verified(folder)
+    driven = result.get("driven")
+    if driven and same_gains((result.get("proof") or {}).get("gains"), saved.get("parameters")) and driven["sending"] in get_args(Sending):
+        return parameters_to_cascade(driven["gains"]), driven["sending"], float(driven["time_s"])
+    return None, "rigid" if saved.get("compensated") and structure.torque_feedforward else "nothing", 0.0
 
 
 def move_between(asked: Any, ground: DesignInput) -> Trajectory:

@@ -31,7 +31,7 @@ from beltcomm.experiments import (
     stop_unit,
     verification,
 )
-from beltcomm.experiments.proving import Sending, learn_gains, verify_move
+from beltcomm.experiments.proving import learn_gains, verify_move
 from beltcomm.experiments.recentre import MOST_STOPS, QUIETER, bring_back, may_not_excite, stands, stands_after
 from beltcomm.fit.torque.acting_torque import acting_recording
 from beltcomm.fit.torque.stated_reading import stated_remarks
@@ -55,6 +55,7 @@ from beltcomm.schedule import record_schedule
 from beltcomm.schedule.record_schedule import Extent
 from beltcomm.schedule.steps import SHORT_S
 from beltcomm.schedule.strokes import SWEEP_LONGEST_S
+from beltcomm.sending import Sending
 from beltcomm.talk import choose
 
 #: s of machine time kept for the move that verifies, with the way to its start.

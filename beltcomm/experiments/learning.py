@@ -14,11 +14,12 @@ from beltcomm.control import Cascade
 from beltcomm.design.compliant import with_rest_before
 from beltcomm.design.learning import LearningFilter, learning_filter
 from beltcomm.errors import Refused
-from beltcomm.experiments.proving import Sending, verify_move
+from beltcomm.experiments.proving import verify_move
 from beltcomm.experiments.verification import in_drive
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
 from beltcomm.recording import Recording
+from beltcomm.sending import Sending
 from beltcomm.simulate.stopping import total_friction
 from beltcomm.trajectory import Trajectory, at_rest
 from beltcomm.verify import REST_S, Loop, Verdict, predict_move

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
 
 import numpy as np
 
 from beltcomm.arrays import Array
-from beltcomm.control import Cascade, Feedforward
-from beltcomm.design.compensation import compensation
-from beltcomm.design.compliant import Leading, lead_motion, torque_along
-from beltcomm.design.led_reference import LedReference, led_reference
+from beltcomm.control import Cascade
+from beltcomm.drive.parameters import cascade_to_parameters
 from beltcomm.errors import Refused
 from beltcomm.experiments import phases
 from beltcomm.experiments.stops_out_of_move import (
@@ -24,7 +21,7 @@ from beltcomm.experiments.stops_out_of_move import (
     host_loss_limit_n,
     worst_stops,
 )
-from beltcomm.experiments.verification import StandardMove, in_drive, predict_led, refuse_broken
+from beltcomm.experiments.verification import StandardMove, in_drive, refuse_broken
 from beltcomm.identify.led_gains import gain_factors
 from beltcomm.machine.machine import Machine
 from beltcomm.machine.prediction_watch import BELT_BEYOND
@@ -32,11 +29,12 @@ from beltcomm.model import Model
 from beltcomm.rundata import calibration, led_gains
 from beltcomm.rundata.led_gains import as_in_drive
 from beltcomm.rundata.proof import LEARNT, move_name, proof
-from beltcomm.simulate.setpoints import SetpointGrid
+from beltcomm.sending import Sending, Sent, grid_of, predict_sent, reference_for
 from beltcomm.trajectory import Trajectory, with_dwell
 from beltcomm.verify import (
     REST_S,
     Demand,
+    Driven,
     PredictedMove,
     TrackingError,
     Verdict,
@@ -52,60 +50,6 @@ LONGEST_RANGED_S = 15.0
 #: The first move with a led reference shows what the gains in the drive are: at this share of its speed, and by so much of the lead may the
 #: axis be off, which gains that are known to some percent allow, or by what their calibration is not sure of.
 LEARNING_SHARE, LEARNING_SLACK = 0.25, 0.1
-
-#: What the host sends along: nothing; the torque of effects that the drive's numbers cannot say; a motor that leads by the stretch of the
-#: belt; the same with friction of the carriage in that stretch; a reference that leads the motor by the inverse of the drive's cascade.
-Sending = Literal["nothing", "rigid", "stretch", "compliant", "led"]
-
-
-@dataclass(frozen=True)
-class Sent:
-    """Reference and torque sent to the drive.
-
-    Attributes
-    ----------
-    motor, carriage : Trajectory
-        What each is to follow, m.
-    torque_nm : ndarray or None
-        Along with it, (n,), or None.
-    demanded_nm : float
-        Largest torque at the motor that this will take.
-    led : Leading or None
-        How the motor leads, where it does.
-    reference : LedReference or None
-        How the reference leads the motor, where it does.
-    """
-
-    motor: Trajectory
-    carriage: Trajectory
-    torque_nm: Array | None
-    demanded_nm: float
-    led: Leading | None = None
-    reference: LedReference | None = None
-
-
-def reference_for(model: Model, feedforward: Feedforward, path: Trajectory, sending: Sending, time_s: float = 0.0) -> Sent:
-    """Reference and torque for a motion of the carriage that ends with a rest.
-
-    Parameters
-    ----------
-    time_s : float
-        Session's clock at its start.
-
-    Raises
-    ------
-    UsageError
-        For a motor that should lead without a belt.
-    """
-    asked = demand(path, model).torque_nm
-    if sending == "nothing":
-        return Sent(path, path, None, asked)
-    if sending == "rigid":
-        along = compensation(model, feedforward, path, path.sample_period_s, time_s)
-        return Sent(path, path, along, asked + float(np.max(np.abs(along))))
-    led = lead_motion(model, path, feedforward.advance_s, friction=sending == "compliant", time_s=time_s)
-    along = torque_along(led, feedforward, model["transmission.ratio"])
-    return Sent(led.trajectory, led.carriage, along, float(np.max(np.abs(led.torque_nm))), led)
 
 
 def verify_move(
@@ -140,24 +84,18 @@ def verify_move(
     running = machine.write_cascade(cascade)
     clock_s = machine.session_time_s
     drive, whole = in_drive(machine, delay_s), with_dwell(trajectory, REST_S)
+    taken = running
     if sending == "led":
-        taken, running = running, as_in_drive(machine.folder, running)
-        led = led_reference(model, whole, running, drive.structure, delay_s, clock_s)
-        sent = Sent(led.motor, led.carriage, None, float(np.max(np.abs(led.torque_nm))), reference=led)
-    else:
-        sent = reference_for(model, running.feedforward, whole, sending, clock_s)
-    grid = SetpointGrid(trajectory.sample_period_s, drive.structure.period_s, len(sent.motor.t_s))
-    if sent.torque_nm is not None:
-        sent = replace(sent, torque_nm=grid.along(sent.torque_nm))
+        running = as_in_drive(machine.folder, running)
+    sent = reference_for(model, running, whole, drive, sending, clock_s)
+    grid = grid_of(sent.motor, drive)
     if learnt is not None:
         learnt = np.pad(learnt, (0, max(0, len(sent.motor.t_s) - len(learnt))))[: len(sent.motor.t_s)]
         along = learnt if sent.torque_nm is None else sent.torque_nm + learnt
         sent = replace(sent, torque_nm=along, demanded_nm=sent.demanded_nm + float(np.max(np.abs(learnt))))
 
     def predict(other: Model, stretch_m: float = 0.0) -> PredictedMove:
-        if sent.reference is not None:
-            return predict_led(other, running, sent.reference, drive, stretch_m, clock_s)
-        return predict_move(other, running, sent.motor, drive, belt_stretch_m=stretch_m, extra_torque_nm=sent.torque_nm, time_s=clock_s)
+        return predict_sent(other, running, sent, drive, belt_stretch_m=stretch_m, time_s=clock_s)
 
     path = predict(model)
     _check_path(machine, path)
@@ -200,6 +138,8 @@ def verify_move(
         predicted_range=spread,
         targets=machine.axis.targets,
     )
+    if learnt is None:
+        verdict = replace(verdict, driven=Driven(cascade_to_parameters(running), sending, clock_s))
     if (sent.torque_nm is not None and learnt is None) or sent.reference is not None:
         alone = predict_move(model, running, whole, drive, time_s=clock_s)
         verdict = replace(verdict, reasons=(*verdict.reasons, *_brought(sent, alone)))

@@ -29,7 +29,7 @@ from beltcomm.experiments.stops_out_of_move import (
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
 from beltcomm.rundata.led_gains import as_in_drive
-from beltcomm.simulate.setpoints import SetpointGrid
+from beltcomm.sending import predict_led
 from beltcomm.trajectory import Trajectory, load_move, plan_trajectory, with_dwell
 from beltcomm.verify import REST_S, Loop, PredictedMove, TrackingError, demand, predict_move, predict_range, tracking_error
 
@@ -183,15 +183,6 @@ def uses_led_reference(drive: Drive, axis: Axis, cascade: Cascade) -> bool:
     """True if the reference is led by the inverse of the drive's cascade: known gains without feedforward, on a level axis."""
     own = drive.capabilities
     return own.gains != "unknown" and can_lead(own.structure, cascade) and not axis.mounting.tilted
-
-
-def predict_led(
-    model: Model, cascade: Cascade, led: LedReference, drive: Loop, belt_stretch_m: float = 0.0, time_s: float = 0.0
-) -> PredictedMove:
-    """The axis along a led reference, held against the motion that the motor is to make."""
-    path = predict_move(model, cascade, led.sent, drive, belt_stretch_m=belt_stretch_m, time_s=time_s)
-    grid = SetpointGrid(led.motor.sample_period_s, drive.structure.period_s, len(led.motor.t_s))
-    return replace(path, reference_m=grid.in_loop(led.motor.position_m))
 
 
 def predicted(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> PredictedMove:

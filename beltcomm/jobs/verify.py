@@ -21,7 +21,7 @@ from beltcomm.experiments.learning import Learnt
 from beltcomm.experiments.learning import learn as repeat_and_learn
 from beltcomm.experiments.options import Options, admit_edited, claim, settings_of
 from beltcomm.experiments.plan import Plan, verification_plan
-from beltcomm.experiments.proving import Sending, verify_move
+from beltcomm.experiments.proving import verify_move
 from beltcomm.experiments.sign import check_sign
 from beltcomm.given import pasted, whole
 from beltcomm.language import tr
@@ -36,6 +36,7 @@ from beltcomm.rundata.headline import OF, NextCommand, behind, drive_of, hashes_
 from beltcomm.rundata.proof import LEARNT, proof
 from beltcomm.rundata.store import saved_design, verdict_to_dict
 from beltcomm.runfolder import RunFolder, next_free
+from beltcomm.sending import Sending
 from beltcomm.sentences import screens, words
 from beltcomm.talk import Talk
 from beltcomm.trajectory import Trajectory, torque_of_move, with_dwell

@@ -108,7 +108,7 @@ def predict(folder: RunFolder, payload_kg: float, asked: dict[str, float]) -> Mo
     bench = Bench(ground)
     if asked:
         bench.drive(move_between(asked, ground))
-    path, move = bench.path(ground.present, payload_kg), bench.ground.move
+    (_, path), move = bench.path(ground.present, payload_kg), bench.ground.move
     start, end = 1e3 * move.position_m[0], 1e3 * move.position_m[-1]
     loaded = f", {payload_kg:g} kg more" if payload_kg else ""
     words = f"{start:.0f} to {end:.0f} mm, up to {np.max(np.abs(move.velocity_m_s)):.3g} m/s{loaded}"

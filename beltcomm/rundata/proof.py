@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 from beltcomm.control import Cascade
@@ -57,6 +58,7 @@ def proof(cascade: Cascade, trajectory: Trajectory, payloads_kg: Sequence[float]
         "gains": {name: float(value) for name, value in cascade_to_parameters(cascade).items()},
         "further_payloads_kg": [float(mass) for mass in payloads_kg],
         "path": [float(trajectory.position_m[0]), float(trajectory.position_m[-1]), float(trajectory.duration_s)],
+        **({"limits": {name: float(value) for name, value in asdict(limits).items()}} if (limits := trajectory.limits) else {}),
     }
 
 

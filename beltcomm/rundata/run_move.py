@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.runfolder import RunFolder
@@ -17,8 +19,8 @@ def move_of(folder: RunFolder, period_s: float, file: Path | None) -> Trajectory
     axis = folder.axis
     if file is not None:
         return load_move(file, period_s, axis)
-    limits, path = limits_of(folder, period_s), _verified_path(folder)
-    if path is not None:
+    limits, path = limits_of(folder, period_s), _proof(folder).get("path")
+    if path:
         return plan_trajectory(path[0], path[1], limits, period_s)
     low, high = axis.travel.ends_m
     start = max(low + 0.05 * (high - low), min(0.0, high))
@@ -27,20 +29,24 @@ def move_of(folder: RunFolder, period_s: float, file: Path | None) -> Trajectory
 
 def limits_of(folder: RunFolder, period_s: float) -> TrajectoryLimits:
     """Limits of the standard move, as slow as the one that verified the run; gentle ones where the axis states none."""
-    axis = folder.axis
+    axis, proven = folder.axis, _proof(folder)
+    if kept := proven.get("limits"):
+        return TrajectoryLimits(**kept)
     top, fastest = axis.limits.speed_m_s or GENTLE[0], axis.limits.acceleration_m_s2 or GENTLE[1]
     gentle = TrajectoryLimits(speed_m_s=min(top, GENTLE[0]), acceleration_m_s2=min(fastest, GENTLE[1]), jerk_m_s3=20.0 * GENTLE[1])
     limits = axis.trajectories.get(axis.targets.limits) or gentle
-    path = _verified_path(folder)
-    if path is None:
+    if not (path := proven.get("path")):
         return limits
-    start, end, duration = path
+    start, end, duration = path  # of a run from before limits were kept with it
     return limits.slower(plan_trajectory(start, end, limits, period_s).duration_s / duration)
 
 
-def _verified_path(folder: RunFolder) -> tuple[float, float, float] | None:
-    """Start and end, m, and seconds of the move that verified the run last; None without one."""
-    paths = [
-        (folder.load("results", name).get("proof") or {}).get("path") for name in folder.names("results") if name.startswith("verify_")
-    ]
-    return paths[-1] or None if paths else None
+def verified(folder: RunFolder) -> Mapping[str, Any]:
+    """Verdict of the move that verified the run last, as it was kept; empty without one."""
+    names = [name for name in folder.names("results") if name.startswith("verify_")]
+    return folder.load("results", names[-1]) if names else {}
+
+
+def _proof(folder: RunFolder) -> Mapping[str, Any]:
+    """Path of that move, start and end, m, and seconds, and its limits."""
+    return verified(folder).get("proof") or {}

@@ -39,6 +39,8 @@ class Trajectory:
     velocity_m_s : ndarray, m/s
     acceleration_m_s2 : ndarray, m/s²
         All at the carriage.
+    limits : TrajectoryLimits or None
+        By which it was planned; None where it follows from others.
 
     Raises
     ------
@@ -50,6 +52,7 @@ class Trajectory:
     position_m: Array
     velocity_m_s: Array
     acceleration_m_s2: Array
+    limits: TrajectoryLimits | None = None
 
     def __post_init__(self) -> None:
         for name in ("t_s", "position_m", "velocity_m_s", "acceleration_m_s2"):
@@ -160,7 +163,7 @@ def plan_trajectory(
     position, velocity, acceleration = _sampled(solution, t_s)
     for column, value in zip((position, velocity, acceleration), states[1], strict=True):
         column[-1] = value
-    return Trajectory(t_s, position, velocity, acceleration)
+    return Trajectory(t_s, position, velocity, acceleration, limits)
 
 
 def _sampled(solution: ruckig.Trajectory, t_s: Array) -> tuple[Array, Array, Array]:
@@ -221,11 +224,11 @@ def join(parts: Sequence[Trajectory]) -> Trajectory:
         jump = abs(after.velocity_m_s[0] - before.velocity_m_s[-1])
         if step > 1e-12 or jump > 1e-9 or not math.isclose(before.sample_period_s, after.sample_period_s, rel_tol=1e-9):
             raise ValueError("a part must begin where, and with the sample period with which, the one before ends")
-    columns = [
+    position, velocity, acceleration = (
         np.concatenate([getattr(parts[0], name), *(getattr(part, name)[1:] for part in parts[1:])])
         for name in ("position_m", "velocity_m_s", "acceleration_m_s2")
-    ]
-    return Trajectory(_grid(len(columns[0]), parts[0].sample_period_s), *columns)
+    )
+    return Trajectory(_grid(len(position), parts[0].sample_period_s), position, velocity, acceleration)
 
 
 def constant_speed_strokes(

@@ -180,10 +180,10 @@ class SevenPhases:
         if count < 1 or abs(periods - count) > WHOLE:
             raise ValueError(f"the motion lasts {periods:.6g} periods of {sample_period_s:g} s, not a whole number of them")
         t_s = np.asarray(sample_period_s * np.arange(count + 1))
-        columns = list(self.at(t_s)[:3])
+        position, velocity, acceleration = columns = self.at(t_s)[:3]
         for column, name in zip(columns, ("position_m", "velocity_m_s", "acceleration_m_s2"), strict=True):
             column[0], column[-1] = getattr(self.start, name), getattr(self.end, name)
-        return Trajectory(t_s, *columns)
+        return Trajectory(t_s, position, velocity, acceleration)
 
     def _states(self) -> Array:
         """(p, v, a) at the beginning of each phase and at the end, (8, 3)."""

@@ -21,10 +21,11 @@ from beltcomm.design.loops import loop_shape, sample_plants
 from beltcomm.design.margins import Margins, WorstMargins, margins_on, worst_of
 from beltcomm.design.specification import Specification
 from beltcomm.errors import Refused, UsageError
+from beltcomm.sending import Sent, grid_of, predict_sent, reference_for
 from beltcomm.trajectory import Trajectory
 from beltcomm.tuning.curves import OpenLoops, Responses, open_loop_curves, responses, span_s
 from beltcomm.tuning.ground import RANGES, TITLES, UNITS, DesignInput, SliderSetting, key_of
-from beltcomm.verify import PredictedMove, TrackingError, predict_move, tracking_error
+from beltcomm.verify import PredictedMove, TrackingError, tracking_error
 
 #: Grid points per plant of the search and of the margins shown; a design that is saved is proven on more.
 _SEARCH_POINTS, _SHOWN_POINTS = 220, 500
@@ -113,24 +114,28 @@ class Bench:
         margins = self.once(("margins", setting.payload_kg), lambda: margins_on(cascade, self._plants(setting.payload_kg).proof))
         return self.once(("present", *place, span), lambda: self._shown(cascade, margins, setting, span))
 
-    def path(self, cascade: Cascade, shown_kg: float) -> PredictedMove:
-        """The move with the gains of a cascade and the feedforward of what is mounted."""
+    def path(self, cascade: Cascade, shown_kg: float) -> tuple[Sent, PredictedMove]:
+        """The move with the gains of a cascade and the feedforward of what is mounted, as ``verify`` sends and predicts it."""
         ground = self.ground
         model = ground.model.with_values({"cart.mass": ground.model["cart.mass"] + shown_kg}) if shown_kg else ground.model
-        return predict_move(model, ground.with_feedforward(cascade), ground.move, ground.loop)
+        known = cascade == ground.present and ground.driven is not None
+        running = ground.driven if known and ground.driven is not None else ground.with_feedforward(cascade)
+        sent = reference_for(ground.model, running, ground.move, ground.loop, ground.sending, ground.time_s)
+        return sent, predict_sent(model, running, sent, ground.loop, time_s=ground.time_s)
 
     def tracked(self, cascade: Cascade, shown_kg: float) -> TrackingPrediction:
         """The tracking error of :meth:`path`."""
-        ground, path = self.ground, self.path(cascade, shown_kg)
-        wanted = ground.move.position_m
+        ground = self.ground
+        sent, path = self.path(cascade, shown_kg)
+        wanted, carriage = path.reference_m, grid_of(sent.motor, ground.loop).in_loop(sent.carriage.position_m)
         every = max(len(wanted) // _DRAWN, 1)
         return TrackingPrediction(
-            tracking_error(path.t_s, wanted, path.motor_m, ground.targets),
-            tracking_error(path.t_s, wanted, path.cart_m, ground.targets),
+            path.error_for(ground.targets),
+            tracking_error(path.t_s, carriage, path.cart_m, ground.targets),
             path.t_s[::every],
             1e3 * (wanted - path.motor_m)[::every],
-            1e3 * (wanted - path.cart_m)[::every],
-            ground.move.velocity_m_s[::every],
+            1e3 * (carriage - path.cart_m)[::every],
+            sent.carriage.velocity_m_s[::every],
             path.saturated,
         )
 

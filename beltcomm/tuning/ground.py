@@ -12,6 +12,7 @@ from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.knobs import Knobs
 from beltcomm.errors import UsageError
 from beltcomm.model import Model
+from beltcomm.sending import Sending
 from beltcomm.trajectory import Trajectory
 from beltcomm.verify import Loop
 
@@ -49,6 +50,12 @@ class DesignInput:
         T_R to choose from.
     targets : AxisTargets
         Of the axis, by which a move counts as settled.
+    driven : Cascade or None
+        The present design as it ran in the drive in the move that verified it, to the drive's own digits; None where none did.
+    sending : Sending
+        What the host sends along with a move.
+    time_s : float
+        Session's clock at the start of the move.
     """
 
     model: Model
@@ -61,6 +68,9 @@ class DesignInput:
     present: Cascade
     velocity_filters_s: tuple[float, ...]
     targets: AxisTargets = NO_TARGETS
+    driven: Cascade | None = None
+    sending: Sending = "nothing"
+    time_s: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,9 @@ import numpy as np
 
 from beltcomm.arrays import Array
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.segment import Segment, in_noise
+from beltcomm.fit.residual.segment import Segment, in_noise
 from beltcomm.identify.course import NORMAL
-from beltcomm.watching.estimates import POOL, MoveEstimate, Standing, pooled
+from beltcomm.watching.estimates import POOL, MoveEstimate, Standing, State, pooled
 from beltcomm.watching.limits import Limit
 
 #: m: length of a place; at most so many along an axis.
@@ -54,7 +54,9 @@ def friction_at_places(fitted: Fitted, width_m: float) -> dict[int, MoveEstimate
     near = fitted.local_quadratic
     lone = np.sum(near.beside(columns) ** 2, axis=0)  # what tells of each beside everything that ages
     every = near.best(columns=columns)
-    rest = near.followed(columns @ every.amounts, every.step)  # the error of the moves when friction may be another one everywhere
+    rest = near.predicted_residual(
+        columns @ every.amounts, every.step
+    )  # friction another one everywhere
     wide = NORMAL * max(1.0, float(np.sqrt(np.mean(rest**2))))
     found = {}
     for number, column, information in zip(told, columns.T, lone, strict=True):
@@ -123,7 +125,7 @@ class PlaceDrift:
         alarmed = [one for one in grown if high is not None and friction.value + one[2] - one[3] > high and one[0] > SURE]
         news = [one for one in grown if one[0] > SURE and one[2] > USUAL * friction.value]
         _, number, more, half = max(alarmed or news or grown, key=lambda one: one[2] - one[3])
-        state = "alarm" if alarmed else "changed" if news else "steady"
+        state: State = "alarm" if alarmed else "changed" if news else "steady"
         place_m = (number + 0.5) * self._width_m
         own = MoveEstimate(friction.value, 0.0)
         return Standing(PLACE, friction, own, friction.value + more, half, low, high, why, state, place_m)

@@ -307,7 +307,7 @@ export function design(ask) {
     $("payload").max = begun.units.kg.factor * begun.most_payload_kg;
     for (const one of $("controls").querySelectorAll("[data-unit]")) one.textContent = begun.units[one.dataset.unit].symbol;
     $("where").textContent = `The gains hold at both ends of the travel, with and without the payload, for every friction; ${number(begun.mounted_kg)} kg move without it.`;
-    $("move").textContent = `The ${begun.move}, with the present feedforward.` + (begun.compensated.length ? ` \`verify\` sends torque for ${begun.compensated.join(", ")} along; that is not in here.` : "");
+    $("move").textContent = `The ${begun.move}, with the present feedforward.` + (begun.compensated.length ? ` Torque for ${begun.compensated.join(", ")} is sent along, as by \`verify\`.` : "");
     for (const [name, value] of Object.entries(begun.editor)) $(name).value = Number((begun.units[MOVE[name][0]].factor * value).toPrecision(4));
     if (!plots.gain) makePlots();
     place();
