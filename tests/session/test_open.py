@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
+import beltcomm
 from beltcomm import api
 from beltcomm.app.design import DesignTab, TunedDesign
 from beltcomm.app.serve import RunPage
@@ -140,3 +141,13 @@ def test_answers_say_what_is_wrong(copy_of_complete: Copy, tmp_path: Path) -> No
     assert answers["track"](setting)["present"]["error"]["dynamic_m"] < before
     start = tuning.bench.start(0.0, 0.1)
     assert tuning.bench.design(replace(start, position_m=0.2)) is tuning.bench.design(start)
+
+
+@pytest.mark.examination
+def test_the_page_predicts_what_the_verdict_predicted(copy_of_complete: Copy) -> None:
+    """To the last digit: one move, one function, and the gains as the drive holds them."""
+    run = copy_of_complete()
+    verdict = RunFolder.open(run).load("results", "verify_move_1")
+    for error in (TunedDesign(run).bench.present_tracked(0.0).error, beltcomm.open(run).predict_move().error):
+        assert error.dynamic_m == pytest.approx(verdict["predicted"]["dynamic_m"], rel=1e-12)
+        assert error.static_m == pytest.approx(verdict["predicted"]["static_m"], rel=1e-12)
