@@ -44,6 +44,8 @@ VAGUE = 1.0
 #: Values of the residual without which the quantities are not told: as many moves are taken together as make them, some at most, for behind
 #: a coarse encoder few of a move are independent.   Values without which a motion is no move.
 ENOUGH, MOST_TOGETHER, FEWEST_VALUES = 120, 20, 8
+#: Times the run's value, and share of it, beyond which a stiffness or a load is no axis that still moves but another minimum of the fit.
+IMPLAUSIBLE = 2.5
 #: Error, as a share of the run's, above which other stiffnesses are tried; those, as shares of the run's; how much better one must be:
 #: a belt that rings several times in a move leaves a minimum for every ring more or less.
 ASTRAY, STIFFNESSES, BETTER = 1.2, (0.9, 0.8, 0.7, 0.6, 1.1), 0.8
@@ -148,14 +150,20 @@ class Judge:
     def fitted_to(self, moves: Sequence[Recording]) -> Fitted:
         """The run's model with what ages fitted to moves: from where the last ones left it, from the run, and with other belts."""
         starts = [self._latest] if self._latest is self.model else [self._latest, self.model]
-        best = min((self._fit(moves, start) for start in starts), key=lambda one: one.ratio)
+        best = min((self._fit(moves, start) for start in starts), key=lambda one: (not self._plausible(one), one.ratio))
         stiffness = next((name for name in self._names.values() if name.startswith("belt_")), None)
         if stiffness is None or not best.ratio > ASTRAY * self.ratio:
             return best
         bounds = self.model.parameters[stiffness]
         others = [float(np.clip(share * bounds.value, bounds.low, bounds.high)) for share in STIFFNESSES]
-        other = min((self._fit(moves, self.model.with_values({stiffness: value})) for value in others), key=lambda one: one.ratio)
-        return other if other.ratio < BETTER * best.ratio else best
+        tried = [self._fit(moves, self.model.with_values({stiffness: value})) for value in others]
+        other = min(tried, key=lambda one: (not self._plausible(one), one.ratio))
+        return other if self._plausible(other) and other.ratio < BETTER * best.ratio else best
+
+    def _plausible(self, fitted: Fitted) -> bool:
+        """True if stiffness and load are those of an axis that moves."""
+        names = [name for name in self._names.values() if not name.endswith((".level", ".damping"))]
+        return all(1.0 / IMPLAUSIBLE < fitted.model[name] / self.model[name] < IMPLAUSIBLE for name in names)
 
     def _fit(self, moves: Sequence[Recording], start: Model) -> Fitted:
         return fit(self.prepared(moves, start), start, ITERATIONS, fixed=self._kept)
@@ -174,14 +182,14 @@ class Judge:
         self._values += values
         if self._values >= ENOUGH or len(self._together) >= MOST_TOGETHER:
             fitted = self.fitted_to(self._together)
-            found, places = self._told(fitted), self._places(fitted)
-            self._latest = fitted.model
+            found, places = {}, {}
+            if self._plausible(fitted):
+                found, places, self._latest = self._told(fitted), self._places(fitted), fitted.model
             self._together.clear()
             self._values = 0
         else:
             problem = problem_of(data, self._latest, self._kept)  # what has aged is no error of the model
-            fitted, found = evaluate_at(data, problem, problem.start()), {}
-            places = {}
+            fitted, found, places = evaluate_at(data, problem, problem.start()), {}, {}
         ratio = (self.model.get("transmission.ratio") or 1.0) if move.side != "load" else 1.0
         off = None
         if move.reference_position is not None:

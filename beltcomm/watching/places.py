@@ -54,9 +54,7 @@ def friction_at_places(fitted: Fitted, width_m: float) -> dict[int, MoveEstimate
     near = fitted.local_quadratic
     lone = np.sum(near.beside(columns) ** 2, axis=0)  # what tells of each beside everything that ages
     every = near.best(columns=columns)
-    rest = near.predicted_residual(
-        columns @ every.amounts, every.step
-    )  # friction another one everywhere
+    rest = near.predicted_residual(columns @ every.amounts, every.step)  # friction another one everywhere
     wide = NORMAL * max(1.0, float(np.sqrt(np.mean(rest**2))))
     found = {}
     for number, column, information in zip(told, columns.T, lone, strict=True):
