@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from beltcomm.borders import for_html
-from beltcomm.language import tr
+from beltcomm.language import told, tr
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[str]], indent: str = "
         Titles; one that begins with ``>`` has its cells at the right.
     """
     right = [title.startswith(">") for title in columns]
-    filled = [[title.removeprefix(">") for title in columns], *([*row, *[""] * (len(columns) - len(row))] for row in rows)]
+    filled = [[told(title.removeprefix(">")) for title in columns], *([*row, *[""] * (len(columns) - len(row))] for row in rows)]
     widths = [max(map(len, cells)) for cells in zip(*filled, strict=True)]
     padded = [[c.rjust(w) if r else c.ljust(w) for c, w, r in zip(row, widths, right, strict=True)] for row in filled]
     return [

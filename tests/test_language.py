@@ -15,6 +15,7 @@ from beltcomm import language
 from beltcomm.axis import load_axis
 from beltcomm.axis.entries import SECTIONS, entries_of
 from beltcomm.drive import open_drive
+from beltcomm.effects import EFFECTS
 from beltcomm.experiments.plan import commission_plan
 from beltcomm.experiments.plan_screen import plan_screen
 from beltcomm.laboratory.figures import PlainError
@@ -67,6 +68,17 @@ def test_findings_of_doctor_are_translated_and_whole(spoken: str) -> None:
 def test_every_finding_of_the_catalogue_keeps_what_fills_it(spoken: str) -> None:
     for pattern, told in language.findings(spoken):
         assert set(re.findall(r"\{(\w+)\}", told)) == set(pattern.groupindex)
+
+
+def test_the_catalogue_of_effects_is_translated(spoken: str) -> None:
+    """What a screen says of an effect that was found."""
+    shown = {text for effect in EFFECTS for text in (effect.title, effect.causes, effect.check) if text}
+    assert sorted(text for text in shown if language.told(text) == text) == []
+
+
+def test_a_line_keeps_its_indentation_and_its_mark(spoken: str) -> None:
+    assert language.line_told("   ! responses differ by place: frf_2 (--details)").startswith("   ! Frequenzgänge")
+    assert language.line_told("    beltcomm open runs/a") == "    beltcomm open runs/a"
 
 
 def test_a_sentence_nobody_knows_stays() -> None:

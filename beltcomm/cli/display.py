@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from rich.text import Text
 
-from beltcomm.cli.pace import Pace, clock_words, machine_left, millimetres
+from beltcomm.cli.pace import Pace, clock_words, load_at, machine_left, millimetres
 from beltcomm.language import tr
 from beltcomm.talk import CarriagePosition, Gauge
 
@@ -27,7 +27,6 @@ SILENT_S = 1.5
 NEAR = 0.9
 
 #: Words before the place of what moves, by what it is called.
-_AT = {"load": "load at", "table": "table at"}
 
 
 class Display:
@@ -153,7 +152,7 @@ def _digits(gauge: Gauge, value: float) -> str:
 
 def window_line(place: CarriagePosition, width: int, ascii_only: bool = False) -> Text:
     """``0 mm [····|······] 570 mm, carriage at 124 mm``, no wider than the terminal; without a bar where the window is not known."""
-    here = f"{tr(_AT.get(place.load, 'carriage at'))} {millimetres(place.position_m, place)}"
+    here = load_at(place)
     low, high = place.window_m
     if not math.isfinite(high - low) or high <= low:
         return Text(INDENT + here)

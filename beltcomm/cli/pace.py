@@ -10,6 +10,9 @@ from beltcomm.talk import CarriagePosition
 #: s and share of a calculation after which its pace tells how long it will still take.
 PACE_S, PACE_SHARE = 1.0, 0.05
 
+#: What a place says of a load that is no carriage.
+_AT = {"load": "load at", "table": "table at"}
+
 
 class Pace:
     """Seconds left in a phase: on the machine they are known, in a calculation its pace so far tells them.
@@ -53,3 +56,8 @@ def millimetres(position_m: float, place: CarriagePosition) -> str:
     value = round(1e3 * position_m)
     unit = place.unit if place.unit == "°" else f" {place.unit}"
     return f"{value:d}{unit}" if place.known else f"{value:+d}{unit}"
+
+
+def load_at(place: CarriagePosition) -> str:
+    """``carriage at 250 mm``, and what else moves."""
+    return f"{tr(_AT.get(place.load, 'carriage at'))} {millimetres(place.position_m, place)}"

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any, TextIO
 
-from beltcomm.cli.pace import Pace, machine_left, millimetres
+from beltcomm.cli.pace import Pace, load_at, machine_left, millimetres
 from beltcomm.cli.terminal import console_of, draw, draws, echo, fitted
 from beltcomm.errors import UsageError
 from beltcomm.language import tr
@@ -74,10 +74,9 @@ class PlainTalk:
         """A line at the first place that is told of each record: a log of a minute stays short."""
         if self._place is None or place.record != self._place.record:
             low, high = place.window_m
-            window = f" (of {millimetres(low, place)} to {millimetres(high, place)})" if math.isfinite(high - low) else ""
-            left = ", ".join(
-                part for part in (f"{place.load} at {millimetres(place.position_m, place)}{window}", machine_left(place)) if part
-            )
+            ends = (millimetres(low, place), millimetres(high, place))
+            window = tr(" (of {low} to {high})", low=ends[0], high=ends[1]) if math.isfinite(high - low) else ""
+            left = ", ".join(part for part in (load_at(place) + window, machine_left(place)) if part)
             self.say(f"      {place.record}: {left}")
         self._place = place
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
+from beltcomm import language
 from beltcomm.borders import for_terminal
 
 if TYPE_CHECKING:
@@ -84,10 +85,19 @@ def console_of(stream: TextIO) -> Console:
     return Console(file=stream, width=width_of(stream), highlight=False, markup=False, emoji=False)
 
 
+def in_language(line: str) -> str:
+    """A line as the language of the screens has it; what is to be typed and cells of a table stay."""
+    from beltcomm.result import Line, Row
+
+    if isinstance(line, Line):
+        return Line(*((text if style == "command" else language.line_told(text), style) for text, style in line.parts))
+    return line if isinstance(line, Row) else "\n".join(map(language.line_told, line.split("\n")))
+
+
 def echo(lines: Iterable[str], stream: TextIO) -> None:
     """Print lines; on a terminal rows of a table are drawn as one."""
     if not draws(stream):
-        for line in lines:
+        for line in map(in_language, lines) if language.spoken() else lines:
             click.echo(_plain(line, stream), file=stream)
         return
     draw(lines, console_of(stream), stream)
@@ -97,7 +107,7 @@ def draw(lines: Iterable[str], console: Console, stream: TextIO) -> None:
     """Draw lines on a console, which may have a live display below."""
     from beltcomm.result import Line
 
-    for block in _blocks(lines):
+    for block in _blocks(map(in_language, lines) if language.spoken() else lines):
         if isinstance(block, Line):
             _draw_line(block, console)
         elif isinstance(block, str):

@@ -39,12 +39,19 @@ def catalogue(language: str) -> Mapping[str, str]:
 
 
 @cache
-def findings(language: str) -> list[tuple[re.Pattern[str], str]]:
-    """Pattern of a finished English sentence of ``doctor`` or ``init`` -> the language's, as shipped; the most particular first."""
+def findings(language: str, of: tuple[str, ...] = ("findings", "sentences")) -> list[tuple[re.Pattern[str], str]]:
+    """Pattern of a finished English sentence -> the language's, as shipped; the most particular first.
+
+    Parameters
+    ----------
+    of : tuple of str
+        Files: what ``doctor`` and ``init`` find, what the other screens say.
+    """
     import yaml
 
-    text = files("beltcomm.language").joinpath(f"{language}.findings.yaml").read_text(encoding="utf-8")
-    pairs = sorted(yaml.safe_load(text).items(), key=lambda pair: -len(re.sub(r"\{\w+\}", "", pair[0])))
+    texts = [files("beltcomm.language").joinpath(f"{language}.{name}.yaml").read_text(encoding="utf-8") for name in of]
+    found = {english: told for text in texts for english, told in yaml.safe_load(text).items()}
+    pairs = sorted(found.items(), key=lambda pair: -len(re.sub(r"\{\w+\}", "", pair[0])))
     return [(re.compile(re.sub(r"\\\{(\w+)\\\}", r"(?P<\1>.*)", re.escape(english)), re.DOTALL), told) for english, told in pairs]
 
 
@@ -54,6 +61,22 @@ def told(sentence: str) -> str:
         if sentence and (found := pattern.fullmatch(sentence)):
             return text.format(**{name: told(value) for name, value in found.groupdict().items()})
     return sentence
+
+
+def spoken() -> str:
+    """Language of the screens, "" for English."""
+    return _spoken
+
+
+def line_told(line: str) -> str:
+    """A line of a screen in its language: what stands between its indentation, its mark and its end."""
+    if not _spoken:
+        return line
+    words = line.lstrip(" !")
+    for pattern, text in findings(_spoken, ("sentences",)):
+        if words and (found := pattern.fullmatch(words)):
+            return line[: len(line) - len(words)] + text.format(**{name: told(value) for name, value in found.groupdict().items()})
+    return line
 
 
 def tr(english: str, **values: object) -> str:

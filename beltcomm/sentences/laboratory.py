@@ -10,7 +10,7 @@ from beltcomm.effects import effect_named
 from beltcomm.fit.uncertainty.intervals import with_intervals
 from beltcomm.laboratory.compare import Comparison
 from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis
-from beltcomm.language import tr
+from beltcomm.language import told, tr
 from beltcomm.model import Model
 from beltcomm.result import Line, table, with_unit
 from beltcomm.rundata.cost import cost_rows
@@ -96,7 +96,7 @@ def diagnosis_screen(
         effect = effect_named(name)
         numbers = [line.removeprefix(f"{name}.") for line in number_lines(effect, model)]
         lines += _block(name, ", ".join(numbers)) if len(numbers) else []
-        lines += [*(_block(tr("causes"), effect.causes) if effect.causes else []), *_block(tr("check"), effect.check)]
+        lines += [*(_block(tr("causes"), told(effect.causes)) if effect.causes else []), *_block(tr("check"), told(effect.check))]
     if len(named) > EFFECTS:
         lines.append(f"   and {', '.join(named[EFFECTS:])}: --details")
     if cost:
@@ -108,7 +108,7 @@ def diagnosis_screen(
 def _said(found: Diagnosis) -> str:
     """Sentence of a verdict."""
     if found.added_effects:
-        return "; ".join(f"{name}: {effect_named(name).title}" for name in found.added_effects)
+        return "; ".join(f"{name}: {told(effect_named(name).title)}" for name in found.added_effects)
     return {
         "nothing missing": tr("the model explains what was measured"),
         NONE_EXPLAINS: tr("none of the known effects explains this"),
