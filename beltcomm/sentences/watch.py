@@ -33,13 +33,15 @@ COLUMNS: Mapping[str, tuple[str, str, str]] = {
     PLACE: ("at place", "tight spot", "friction down"),
     ERROR: ("error", "something the model does not know acts on the axis", "less than the noise is left"),
 }
+#: What has no column of its own: the error has another one, a place is told in a sentence.
+APART = (ERROR, PLACE)
 _STYLE = {"alarm": "bad", "changed": "note", "steady": "", "few": "soft"}
 _MARK = {"alarm": "!", "changed": "*", "steady": " ", "few": " "}
 
 
 def head_line(standings: Sequence[Standing]) -> Line:
     """Titles of the columns: change since the first moves, %, over the last ones."""
-    cells = "".join(f"{COLUMNS[one.key][0] + ' %':>13}" for one in standings if one.key != ERROR)
+    cells = "".join(f"{COLUMNS[one.key][0] + ' %':>13}" for one in standings if one.key not in APART)
     return Line((f"{'move':>5} {'time':8} {'mm':>5} {'error':>6}{cells}", "title"))
 
 
@@ -49,7 +51,7 @@ def move_line(count: int, clock: str, move: JudgedMove, standings: Sequence[Stan
     error = next(one for one in standings if one.key == ERROR)
     parts.append((f"{move.ratio:5.2f}{_MARK[error.state]}", _STYLE[error.state]))
     for one in standings:
-        if one.key != ERROR:
+        if one.key not in APART:
             parts.append((f"{_change(one):>12}{_MARK[one.state]}", _STYLE[one.state]))
     return Line(*parts)
 
