@@ -118,7 +118,7 @@ def _records(plan: Plan) -> list[Line]:
         count, travel_m, seconds = groups.get(kind, [0, 0.0, 0.0])
         groups[kind] = [count + 1, max(travel_m, one.travel_m), seconds + one.seconds]
     cells = [
-        f"  {(tr(title) + (f' x{count:.0f}' if count > 1 else ''))[:22]:<22} {1e3 * travel_m:4.0f} mm{seconds:3.0f} s"
+        f"  {(tr(title) + (f' x{count:.0f}' if count > 1 else ''))[:23]:<23} {1e3 * travel_m:4.0f} mm{seconds:3.0f} s"
         for title, (count, travel_m, seconds) in groups.items()
     ]
     rows = math.ceil(len(cells) / 2)

@@ -213,6 +213,9 @@ def number_lines(effect: Effect, model: Model) -> list[str]:
         item = model.parameters[name]
         if parameter.form and item.low == item.high:
             continue  # the usual form, which nothing spoke against
+        if item.interval is not None and item.interval > item.high - item.low > 0.0:  # a number would pretend to be one
+            lines.append(f"{name}: these records do not tell it")
+            continue
         width = "" if item.interval is None else f" ± {item.interval:.2g}"
         held = item.low == item.high
         bound = item.interval is None and not parameter.form and not elsewhere and not item.low < item.value < item.high
