@@ -36,6 +36,9 @@ SETTLED = 0.25
 MOSTLY_ROUNDING = 0.5
 #: Share of the sampling rate up to which a resonance is sampled well enough.
 SWING_SAMPLED = 0.2
+#: Error over the noise that no healthy axis has for being sampled too seldom (2 at most), and share of it that an effect may leave, above
+#: the noise, of the fitted records and of those held out, to stand all the same.
+TOO_FAR_OFF, HARDLY_LEFT = 3.0, 0.05
 #: Error over the noise up to which the noise of strokes alone explains it: simulated healthy machines read 0.93 to 1.17 there.
 UNDECIDED = 1.2
 #: m/s; strokes below it are slow.   m; records further apart are at two places.
@@ -50,7 +53,8 @@ def restrict_to_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tupl
         return replace(found, verdict="cannot tell"), [doubt, *([left] if left else [])]
     if found.data.path.commanded and ends_at_drive(found):
         return without_names(found, OF_DRIVE), [commanded_only_words(found)]
-    sentence = "" if found.verdict == "explained" or acts_slowly(found) else undersampling_remark(found.base.model, recordings)
+    stands = found.verdict == "explained" or acts_slowly(found) or explains_nearly_all(found)
+    sentence = "" if stands else undersampling_remark(found.base.model, recordings)
     if sentence and found.verdict != "nothing missing":
         return without_names(found), [sentence]
     sentence = unknown_delivery(found, recordings)
@@ -80,6 +84,15 @@ def restrict_to_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tupl
 def acts_slowly(found: Diagnosis) -> bool:
     """True where the effect that was named first shows far below the antiresonance, too."""
     return bool(found.added_effects) and SLOTS.get(found.added_effects[0], FAST_SLOTS[0]) not in FAST_SLOTS
+
+
+def explains_nearly_all(found: Diagnosis) -> bool:
+    """True where what was named takes an error that no sampling makes nearly to the noise, on records held out as well."""
+    base, after = found.base, found.final_fit
+    pairs = ((base.ratio, after.ratio), (base.held_out_ratio, after.held_out_ratio))
+    return base.ratio > TOO_FAR_OFF and all(
+        then is not None and now is not None and now**2 - 1.0 < HARDLY_LEFT * (then**2 - 1.0) for then, now in pairs
+    )
 
 
 def ends_at_drive(found: Diagnosis) -> bool:
