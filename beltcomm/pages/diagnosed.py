@@ -38,7 +38,10 @@ def section(run: Gathered) -> Section:
         if effect.check or effect.causes:
             parts += _card(run, effect, told)
     if not parts:
-        return Section("diagnosed", TITLE, missing="Nothing: no diagnosis named an effect that is missing.")
+        searched = (
+            "Nothing: the diagnosis named no effect that is missing." if told else "No diagnosis was made: `beltcomm diagnose` makes one."
+        )
+        return Section("diagnosed", TITLE, missing=searched)
     return Section("diagnosed", TITLE, parts)
 
 
