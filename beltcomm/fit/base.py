@@ -126,7 +126,7 @@ def _fit_base(
     progress(0.5)
     data, fitted = refit_with_rebuilt_motion(data, first, NEXT_ITERATIONS, fixed=fixed)
     if path is None:
-        data, fitted = _best_rival(*refine_path(data, fitted), fixed)
+        data, fitted = likeliest_path(*refine_path(data, fitted), fixed=fixed)
         if chain is not None and not chain.delayed and fitted.ratio > ROUGH:
             data, fitted = _or_by_reading(data, fitted, start, fixed)
     progress(0.7)
@@ -206,8 +206,19 @@ def _or_by_reading(data: Data, fitted: Fitted, start: Model, fixed: Sequence[str
     return (plain, found) if found.ratio < fitted.ratio else (data, fitted)
 
 
-def _best_rival(data: Data, fitted: Fitted, fixed: Sequence[str]) -> tuple[Data, Fitted]:
-    """Records and fit by the likeliest of the paths that a part of the records could not tell apart; its rivals those that all cannot."""
+def likeliest_path(data: Data, fitted: Fitted, *, fixed: Sequence[str] = ()) -> tuple[Data, Fitted]:
+    """Records and fit by the likeliest of the paths that a part of the records could not tell apart; its rivals those that all cannot.
+
+    Parameters
+    ----------
+    fixed : sequence of str
+        Parameters that stay.
+
+    Returns
+    -------
+    tuple of Data and Fitted
+        As they were where the path has no rivals, or none is clearly likelier.
+    """
     tried = [(data, fitted)]
     for rival in data.path.rivals:
         ahead = by_path(data, fitted.model, rival)

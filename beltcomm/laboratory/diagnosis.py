@@ -10,10 +10,11 @@ from typing import Final, Literal
 from beltcomm.axis import Axis
 from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, effect_named
-from beltcomm.fit.base import FIRST_ITERATIONS, NEXT_ITERATIONS, fit_base, in_groups_of, refit_with_rebuilt_motion
+from beltcomm.fit.base import FIRST_ITERATIONS, NEXT_ITERATIONS, fit_base, in_groups_of, likeliest_path, refit_with_rebuilt_motion
 from beltcomm.fit.estimate import Fitted, escape_local_minimum, fit
 from beltcomm.fit.gap_valley import converged_gap
 from beltcomm.fit.least_squares import least_plain_error
+from beltcomm.fit.path_fit.values import refine_path
 from beltcomm.fit.records import PUBLISHED_SUBSTEPS, Data, prepare
 from beltcomm.fit.residual.observer import needs_observer
 from beltcomm.fit.start.model import data_sheet
@@ -247,6 +248,9 @@ def diagnose(
         beside = (taken.best.beside,) if taken.best.beside in kept.model.effects else ()
         steps.append(Stage(current, tuple(taken.candidates), name, removed, kept, (*on_body.new, *beside)))
         current = kept
+        if len(steps) == 1 and data.path.rivals and not needs_observer(current.model):  # what was missing had told the path
+            data, current = likeliest_path(*refine_path(data, current))
+            steps[-1] = replace(steps[-1], after=current)
         at = len(steps) - 1 if doubted is None else doubted
         strays = steps[at].added in kept.model.effects and is_replaceable_gap(data, kept, effect_named(steps[at].added))
         if strays and not (patient and doubted is None):

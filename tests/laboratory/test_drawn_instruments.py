@@ -48,3 +48,26 @@ def test_the_error_is_the_noise_where_the_setpoint_tells_little_of_it(family: st
     line = examined(family, seed, (), 1.0)
     assert line["ratio"][0] == pytest.approx(1.0, abs=within)
     assert set(line["kept"]) <= {"encoder_interpolation"}
+
+
+@pytest.mark.examination
+@pytest.mark.parametrize(
+    ("family", "seed", "hidden", "strength", "named"),
+    [
+        ("effects_instruments", 1200661, "dead_time", 0.4, "dead_time"),
+        ("effects_instruments", 1200662, "current_lag", 1.0, "current_lag"),
+        ("rigid", 1200770, "", 1.0, "encoder_interpolation"),
+    ],
+)
+def test_a_filter_is_told_from_the_effect_that_hid_whose_it_is(family: str, seed: int, hidden: str, strength: float, named: str) -> None:
+    """Without the effect the filter passed for the other one, the drive's or the reading's, and for effects that are not there."""
+    line = examined(family, seed, (hidden,) if hidden else (), strength)
+    assert line["kept"] == [named]
+    assert line["ratio"][1] == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.examination
+def test_records_held_out_that_miss_nothing_do_not_contradict() -> None:
+    """Warm after the session: friction that fell while it ran is not in them, and the plain error there is what it was."""
+    line = examined("effects_instruments", 1200679, ("warmup",), 0.4)
+    assert line["kept"] == ["warmup"]
