@@ -6,6 +6,7 @@ Shipped files stand in ``beltcomm/configs`` inside a wheel and in ``configs`` be
 from __future__ import annotations
 
 import difflib
+import errno
 import hashlib
 import json
 import os
@@ -287,7 +288,8 @@ def write_text(path: Path, text: str | Iterable[str]) -> None:
             for piece in [text] if isinstance(text, str) else text:
                 file.write(piece.encode(errors="backslashreplace"))
     except OSError as error:
-        raise UsageError(f"{path} cannot be written: {error.strerror or error}; choose another place") from error
+        room = "make room or " if error.errno in (errno.ENOSPC, errno.EDQUOT) else ""
+        raise UsageError(f"{path} cannot be written: {error.strerror or error}; {room}choose another place") from error
 
 
 def _plain(value: Any) -> Any:
