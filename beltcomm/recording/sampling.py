@@ -23,6 +23,8 @@ LONG, SHORT = 1.6, 0.4
 #: Times its neighbours above, and below, which a step is unusual.  Lost rows make no step between these and the others: where such steps
 #: are as many, the motion itself is as rough.
 LONGER, SHORTER = 1.25, 0.75
+#: Times its neighbours that the step beyond them is, a row lost or written twice there too, or none of this; else the motor swings.
+SWINGS = (-0.25, 2.25)
 #: Largest deviation of a time step from a whole number of periods, in periods, that is no jitter.
 EVEN = 0.02
 #: Deviation, in periods, below which stamps differ by the rounding of their numbers.
@@ -81,6 +83,9 @@ def uneven_rows(t_s: Array, position: Array) -> Uneven:
         sides = np.stack([steps[i : i + count] for i in (0, 1, width + 2, width + 3)])
         mean = sides.mean(axis=0)
         agree = (np.abs(sides).min(axis=0) > fast) & (np.ptp(sides, axis=0) <= AGREEING * np.abs(mean))
+        beyond = np.stack([np.append(mean[:1], steps[: count - 1]), np.append(steps[width + 4 :], mean[-1:])])
+        turned = beyond / np.where(agree, mean, 1.0)
+        agree &= np.all((turned >= SWINGS[0]) & (turned <= SWINGS[1]), axis=0)
         at = np.flatnonzero(agree)
         usual = np.stack([times[i : i + count] for i in (0, 1, width + 2, width + 3)]).mean(axis=0)
         # by rows and by time: a gap that the stamps show is none, stamps that jitter beside even rows make none

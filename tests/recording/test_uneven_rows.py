@@ -30,3 +30,14 @@ def test_lost_rows_of_a_smooth_motion_are_found_and_those_of_a_rough_one_are_not
     assert found.judged > 500
     assert not len(found.missing)
     assert not len(found.repeated)
+
+
+def test_a_motor_that_swings_from_one_side_to_the_other_repeats_no_row() -> None:
+    """As one comes to rest on a stiff belt, sampled some five times in a swing: a small step between four equal ones, twice."""
+    t_s = PERIOD_S * np.arange(ROWS)
+    steps = 300.0 * np.sin(2.0 * np.pi * 0.7 * t_s + 0.3)
+    for row in (2000, 5000):
+        steps[row - 4 : row + 8] = [196, -38, 22, 49, -124, -110, -13, -109, -113, 38, 19, -23]
+    found = uneven_rows(t_s, position_of(steps))
+    assert found.judged > 1000
+    assert not len(found.repeated)
