@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -174,6 +175,7 @@ def alternatives(command: str) -> list[str]:
 def test_commands_that_need_no_machine_run(copy_of_complete: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
     run = copy_of_complete()
     monkeypatch.chdir(run.parent)
+    shutil.copy(run / "axis.yaml", "my_axis.yaml")
     assert {command.split()[1] for command, _ in runnable()} == RUN | PLANNED
     failed = {}
     for _, words in runnable():

@@ -13,10 +13,11 @@ from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.torque.path import TorquePath
 from beltcomm.model import Model
 
-#: Effects between the torque that is read and the motion, each with one time.
-BETWEEN = ("dead_time", "current_lag", "measurement_lag")
-#: Share of what lies above the noise that such an effect may leave.
-MAY_LEAVE = 0.3
+#: Effects between the torque that is read and the motion, each with one time, and what is tried beside them by the chosen path: a lag of
+#: the reading is no reason for another one, which has such lags of its own.
+BETWEEN, BESIDE = ("dead_time", "current_lag"), ("measurement_lag",)
+#: Share of what lies above the noise that such an effect may leave, and how much of it per sample.
+MAY_LEAVE, MOST_LEFT = 0.3, 0.5
 
 
 def effect_between(
@@ -47,14 +48,15 @@ def effect_between(
     str
         One of :data:`BETWEEN`; empty where the model has one, none explains enough, or the chosen path is as likely.
     """
-    if any(name in start.effects for name in BETWEEN):
+    if any(name in start.effects for name in (*BETWEEN, *BESIDE)):
         return ""
     samples = max(fitted.problem.samples, 1)
 
-    def tried(path: TorquePath) -> list[tuple[float, str]]:
-        found = [(fit_by(start.with_effect(name), path), name) for name in BETWEEN]
+    def tried(path: TorquePath, names: Sequence[str] = BETWEEN) -> list[tuple[float, str]]:
+        found = [(fit_by(start.with_effect(name), path), name) for name in names]
         return [(f.objective / f.problem.samples if 2 * f.problem.samples > samples else math.inf, name) for f, name in found]
 
-    own, (least, best) = min(tried(chosen))[0], min((one for path in others for one in tried(path)), default=(math.inf, ""))
-    explains = least - 1.0 < MAY_LEAVE * (fitted.objective / samples - 1.0)
+    own, _ = min(tried(chosen, (*BETWEEN, *BESIDE)))
+    least, best = min((one for path in others for one in tried(path)), default=(math.inf, ""))
+    explains = least - 1.0 < min(MAY_LEAVE * (fitted.objective / samples - 1.0), MOST_LEFT)
     return best if explains and samples * (own - least) > clear else ""
