@@ -146,7 +146,7 @@ def searched(monkeypatch: pytest.MonkeyPatch, found: list[list[str]], own: Calla
     monkeypatch.setattr(diagnosis, "coupling_candidate", lambda *_: None)
     monkeypatch.setattr(diagnosis, "as_searched", lambda data, base: (data, base))
     monkeypatch.setattr(diagnosis, "least_plain_error", lambda _data, last, *_: last)
-    begun: Any = SimpleNamespace(fitted=(), held_out=(), substeps=4), fitted(BASE)
+    begun: Any = SimpleNamespace(fitted=(), held_out=(), substeps=4, path=SimpleNamespace(rivals=())), fitted(BASE)
     nothing: Any = SimpleNamespace()
     after = diagnosis.diagnose([], nothing, nothing, begun=begun, trying=heard.append)
     assert next(stages, None) is None, "every stage was looked at"

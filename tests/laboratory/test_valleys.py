@@ -102,7 +102,7 @@ def test_the_search_goes_on_from_the_better_valley(monkeypatch: pytest.MonkeyPat
         monkeypatch.setattr(diagnosis, name, lambda *_: None)
     monkeypatch.setattr(diagnosis, "lowers", lambda *_: True)
     monkeypatch.setattr(diagnosis, "least_plain_error", lambda _data, last, *_: last)
-    begun: Any = SimpleNamespace(fitted=(), held_out=(), substeps=4), model("base")
+    begun: Any = SimpleNamespace(fitted=(), held_out=(), substeps=4, path=SimpleNamespace(rivals=())), model("base")
     nothing: Any = SimpleNamespace()
     after = diagnosis.diagnose([], nothing, nothing, begun=begun)
     assert [(step.added, step.after.name) for step in after.steps] == [("end_pulley", "better, again"), ("", "better, again")]

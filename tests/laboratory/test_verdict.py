@@ -324,7 +324,7 @@ def test_an_effect_with_which_the_error_as_a_whole_grows_is_not_taken(
         monkeypatch.setattr(diagnosis, name, lambda *_: None)
     monkeypatch.setattr(diagnosis, "lowers", lambda *_: True)
     monkeypatch.setattr(diagnosis, "least_plain_error", lambda _data, last, *_: last)
-    begun: Any = SimpleNamespace(fitted=(), held_out=(), substeps=4), fitted(2.0, 2.0)
+    begun: Any = SimpleNamespace(fitted=(), held_out=(), substeps=4, path=SimpleNamespace(rivals=())), fitted(2.0, 2.0)
     nothing: Any = SimpleNamespace()
     after = diagnosis.diagnose([], nothing, nothing, begun=begun)
     assert after.steps[0].added == ("measurement_lag" if added else "")

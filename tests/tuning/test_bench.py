@@ -206,5 +206,6 @@ def test_a_move_counts_as_settled_by_the_targets_of_the_axis(heavy: Bench) -> No
     targets, present = AxisTargets(settled_error_m=1e-3), heavy.ground.present
     wide = Bench(replace(heavy.ground, targets=targets))
     told = wide.tracked(present, 0.0).error
-    assert told == wide.path(present, 0.0).error_for(targets)
+    _, path = wide.path(present, 0.0)
+    assert told == path.error_for(targets)
     assert (told.settling_s, heavy.tracked(present, 0.0).error.settling_s) == (0.0, None)
