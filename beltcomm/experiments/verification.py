@@ -326,11 +326,12 @@ def _led_within_target(machine: Machine, model: Model, cascade: Cascade, delay_s
             spread = predict_range(model, partial(_led_error, running, led, drive))
             if spread is None or spread[1].dynamic_m <= aim or move.duration_s > LONGEST_SLOW_MOVE_S:
                 break
-            why = f"what is not known of the axis may make {1e3 * spread[1].dynamic_m:.3g} mm of following error of it"
+            reason = f"what is not known of the axis may make {1e3 * spread[1].dynamic_m:.3g} mm of following error of it"
         elif path.saturated:
-            why = f"its reference would reach {' and '.join(path.saturated)}"
+            reason = f"its reference would reach {' and '.join(path.saturated)}"
         else:
-            why = f"it would have {1e3 * path.error.dynamic_m:.3g} mm of following error"
+            reason = f"it would have {1e3 * path.error.dynamic_m:.3g} mm of following error"
+        why = why or reason  # at full speed; slower ones may have others
         if move.duration_s > LONGEST_SLOW_MOVE_S:
             break
         share *= SLOWER
