@@ -1,4 +1,4 @@
-"""What the host sends with a move, and the move predicted with it: the one prediction of verdict and page."""
+"""Reference and torque that the host sends with a move, and the move predicted with them: the one prediction of verdict and page."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Sent:
     Attributes
     ----------
     motor, carriage : Trajectory
-        What each is to follow, m.
+        Paths to follow, m.
     torque_nm : ndarray or None
         Along with it, (n,), or None.
     demanded_nm : float

@@ -76,7 +76,7 @@ class TrackingError:
 
 @dataclass(frozen=True)
 class Driven:
-    """What a move was driven and predicted with.
+    """Gains and setpoints that a move was driven and predicted with.
 
     Attributes
     ----------

@@ -39,7 +39,7 @@ def section(run: Gathered) -> Section:
             parts += _card(run, effect, told)
     if not parts:
         searched = (
-            "Nothing: the diagnosis named no effect that is missing." if told else "No diagnosis was made: `beltcomm diagnose` makes one."
+            "Nothing: the diagnosis named no effect that is missing." if told else "No diagnosis was made: beltcomm diagnose makes one."
         )
         return Section("diagnosed", TITLE, missing=searched)
     return Section("diagnosed", TITLE, parts)

@@ -25,16 +25,13 @@ RECORDINGS = [
     "amplitude_1", "amplitude_2", "frf_1", "frf_2", "frf_3", "frf_4", "frf_5", "move_1", "moves_1", "reversals_1", "sweep", "sweep_2",
 ]  # fmt: skip
 HELD_OUT = {"frf_4", "move_1", "moves_1"}
-#: (name in the model, name in the truth, share that the issue allows)
+#: (name in the model, name in the truth, largest share that value and interval may be off or wide).  The motor's damping is told from the
+#: carriage's next to the antiresonance only: an interval below 10 %, as was once asked for, missed one in four on coarse encoders.
 PARAMETERS = (
     ("cart.mass", "mass_kg", 0.03),
     ("belt_stiffness.stiffness", "stiffness_n_m", 0.03),
     ("motor.inertia", "inertia_kg_m2", 0.03),
-    (
-        "viscous.damping",
-        "viscous_nm_s_rad",
-        0.15,
-    ),  # what is the motor's and what the carriage's is told apart only next to the antiresonance; with 0.1 one interval in four missed it
+    ("viscous.damping", "viscous_nm_s_rad", 0.15),
 )
 CHARACTERISTICS = (
     ("resonance", "resonance_hz", 0.01),

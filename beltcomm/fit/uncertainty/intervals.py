@@ -235,10 +235,11 @@ def parameter_spread(fitted: Fitted) -> ParameterSpread:
     own = DAMPED * damping + [LAW if name.startswith(loose) else FRICTION if name == "coulomb.level" else 0.0 for name in names]
     scale_off = SCALE if fitted.problem.nuisance is None else math.hypot(SCALE, FILTERED)
     scaled, inertia = (np.array([name.startswith(which) for name in names]) for which in (SCALED, INERTIA))
-    common = np.vstack((scale_off * scaled, ROUNDED * rounded_share(fitted) * inertia)) * values
+    rounded = rounded_share(fitted)
+    common = np.vstack((scale_off * scaled, ROUNDED * rounded * inertia)) * values
     systematic = np.vstack((np.diag(own * np.abs(values)), common))
     one_noise = not any(piece.own_noise for piece in fitted.problem.pieces)
-    wider = 1.0 + NEARLY_WHITE * rounded_share(fitted) * damping * one_noise
+    wider = 1.0 + NEARLY_WHITE * rounded * damping * one_noise
     if not loose and fitted.ratio < UNEXPLAINED:  # nothing that pulls long segments one way: chance is told by time alone
         moved, shares = moved[:0], shares[:0]
     scale = scale * wider
