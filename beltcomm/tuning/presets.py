@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from beltcomm.control import PrefilterKind
+from beltcomm.design.held_knobs import OutOfReach
 from beltcomm.design.knobs import Knobs
 from beltcomm.design.specification import Specification
 from beltcomm.tuning.bench import Bench
@@ -101,6 +102,9 @@ def _made(bench: Bench, setting: SliderSetting, kind: str, pace: str) -> Preset:
     found = bench.best(setting, wanted)
     if found is None:
         return Preset(kind, pace, None, "no gains leave these margins on all variants of this axis")
-    design, shown, _ = bench.shown(found)
+    try:
+        design, shown, _ = bench.shown(found)
+    except OutOfReach as problem:  # by a hair: sliders stand on what the search left, and ask for it again
+        return Preset(kind, pace, None, str(problem))
     error = bench.tracked(design.cascade, setting.shown_kg).error.dynamic_m
     return Preset(kind, pace, found, "", shown.worst.position_crossover_hz, design.stiffness, error)

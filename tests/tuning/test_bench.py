@@ -112,6 +112,20 @@ def test_a_belt_axis_is_no_stiff_one(heavy: Bench, setting: SliderSetting) -> No
     assert all(one.refusal for one in found if one.setting is None)
 
 
+def test_a_preset_that_its_own_sliders_miss_is_none_with_the_reason(
+    setting: SliderSetting, heavy: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A page that asks for it is answered, not refused."""
+
+    def out_of_reach(_self: Bench, _setting: SliderSetting) -> None:
+        raise OutOfReach("no Kv leaves the position loop 84.7 degrees of phase margin", "position")
+
+    monkeypatch.setattr(Bench, "shown", out_of_reach)
+    found = preset(Bench(heavy.ground), setting, "long", "robust")
+    assert found.setting is None
+    assert "84.7 degrees" in found.refusal
+
+
 def test_curves_are_those_of_the_loop_that_runs(heavy: Bench, setting: SliderSetting) -> None:
     """Steps against a simulation that shares nothing with them; a torque is pushed back to nothing by the integrator."""
     cascade, plant = replace(heavy.design(setting).cascade, filter_reference=False), heavy.ground.plants([0.3], [0.0])[1]
