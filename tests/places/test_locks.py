@@ -84,8 +84,10 @@ def test_a_calculation_waits_and_says_for_whom_a_machine_does_not(tmp_path: Path
     with holder(tmp_path) as process:
         with pytest.raises(UsageError, match=rf"another session is at work in .* \(process {process.pid} on .*\); wait for its end"):
             move(tmp_path)
-        threading.Timer(0.3, lambda: process.communicate(b"\n")).start()
+        ends = threading.Timer(0.3, lambda: process.communicate(b"\n"))
+        ends.start()
         assert count(tmp_path, talk=talk) == 1
+        ends.join()  # before its pipes are closed
     assert len(talk.said) == 1
     assert f"is in use by process {process.pid} on" in talk.said[0]
     assert move(tmp_path)
