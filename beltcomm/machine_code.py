@@ -22,14 +22,13 @@ from beltcomm.caches import tell
 
 os.environ.pop("NUMBA_NUM_THREADS", None)  # none are used, and a number that cannot be ends every command
 with isolation.apart(Path(__file__).parent):
+    import numba
     from numba.core import caching, config
 
 config._config_fname = os.devnull  # numba looks for its settings again before each compilation
 
 #: How a file begins that this module has written; behind it the SHA-256 of the rest.
-_MAGIC = b"beltcomm machine code 1\n"
-#: How one begins that numba has written: from an earlier version.
-_EARLIER = b"\x80"
+_MAGIC = b"beltcomm machine code 2\n"
 _DIGEST = hashlib.sha256().digest_size
 
 
@@ -97,17 +96,17 @@ class _Result(caching.CompileResultCacheImpl):
 
 class _Cache(caching.FunctionCache):
     _impl_class = _Result
+    _cache_file: Any
 
     def __init__(self, py_func: Any) -> None:
         super().__init__(py_func)
-        own = self._cache_file
-        self._cache_file = _Files(self.cache_path, self._impl.filename_base, own._source_stamp)
+        self._cache_file = _Files(self.cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp())
 
     def _load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
             return super()._load_overload(sig, target_context)
         except Exception:  # whole, and yet not what this numba takes
-            self._cache_file.throw_away(self._cache_file._index_path)
+            self._cache_file.throw_away(self._cache_file.path(self._index_key(sig, target_context.codegen())))
             return None
 
     def _save_overload(self, sig: Any, data: Any) -> None:
@@ -117,47 +116,46 @@ class _Cache(caching.FunctionCache):
             tell(f"Machine code cannot be kept in {self.cache_path}: {error.strerror or error}; the next command compiles it again.")
 
 
-class _Files(caching.IndexDataCacheFile):
-    """The index of a function, and a file for each of its types."""
+class _Files:
+    """A file for each of a function's types, named after them.
+
+    numba counts its files and keeps the numbers in an index: two processes that compile the same function for other types, or with
+    another length known, take the same number, and each then executes what the other has compiled.
+    """
+
+    def __init__(self, folder: str, function: str, stamp: str) -> None:
+        self._beginning, self._of = str(Path(folder, function)), (numba.__version__, stamp)
+
+    def save(self, key: Any, data: Any) -> None:
+        content = self._origin(key) + caching.dumps(data)
+        atomic.write(self.path(key), _MAGIC + hashlib.sha256(content).digest() + content)
+
+    def path(self, key: Any) -> Path:
+        """Where the machine code for these types stands."""
+        name = hashlib.sha256(repr(key).encode()).hexdigest()[:20]
+        return Path(f"{self._beginning}.{name}.nbc")
+
+    def _origin(self, key: Any) -> bytes:
+        return hashlib.sha256(repr((*self._of, key)).encode()).digest()
 
     def load(self, key: Any) -> Any:
-        name = self._load_index().get(key)
-        return None if name is None else self._read(self._data_path(name))
-
-    def _load_index(self) -> dict[Any, str]:
-        found = self._read(self._index_path)
-        version, stamp, overloads = found or (None, None, {})
-        return overloads if (version, stamp) == (self._version, self._source_stamp) else {}
-
-    def _save_index(self, overloads: dict[Any, str]) -> None:
-        self._write(self._index_path, (self._version, self._source_stamp, overloads))
-
-    def _save_data(self, name: str, data: Any) -> None:
-        self._write(self._data_path(name), data)
-
-    def _write(self, path: str, content: Any) -> None:
-        data = self._dump(content)
-        atomic.write(Path(path), _MAGIC + hashlib.sha256(data).digest() + data)
-
-    def _read(self, path: str) -> Any:
-        """Content of a file; None where there is none, or none that can be used."""
+        """What is kept for these types; None where there is nothing, or nothing that can be used."""
+        path = self.path(key)
         try:
-            content = Path(path).read_bytes()
+            content = path.read_bytes()
         except FileNotFoundError:
             return None
         except OSError as error:
             tell(f"{path} cannot be read: {error.strerror or error}; its machine code is compiled again by each command.")
             return None
-        if content.startswith(_EARLIER):
-            return None
         digest, data = content[len(_MAGIC) : len(_MAGIC) + _DIGEST], content[len(_MAGIC) + _DIGEST :]
-        if content.startswith(_MAGIC) and hashlib.sha256(data).digest() == digest:
-            return pickle.loads(data)
-        self.throw_away(path)
-        return None
+        if not content.startswith(_MAGIC) or hashlib.sha256(data).digest() != digest:
+            self.throw_away(path)
+            return None
+        return pickle.loads(data[_DIGEST:]) if data[:_DIGEST] == self._origin(key) else None
 
-    def throw_away(self, path: str) -> None:
+    def throw_away(self, path: Path) -> None:
         """Take a damaged file away, so that it is made again."""
         with contextlib.suppress(OSError):
-            os.unlink(path)
-        tell(f"Damaged files of compiled code in {os.path.dirname(path)} are thrown away and made again.")
+            path.unlink()
+        tell(f"Damaged files of compiled code in {path.parent} are thrown away and made again.")

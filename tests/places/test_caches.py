@@ -6,6 +6,7 @@ import os
 import resource
 import subprocess
 import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -88,21 +89,17 @@ def test_damaged_files_of_compiled_code_are_made_again_and_that_is_one_line(
         path.write_bytes(damage(path.read_bytes(), draw))
     *said, again = used(tmp_path)
     assert again.split()[0] == result.split()[0]
-    # a bit of the marker that turns the file into one of numba's own is silent, as an earlier version's are
     assert [line for line in said if MENDED not in line] == []
     assert len(said) == len({line.partition(" in ")[2] for line in said}) <= 2
     assert used(tmp_path) == [f"{result.split()[0]} 1"], "and now everything is found"
 
 
 @pytest.mark.parametrize("damage", [emptied, zeroed, cut, turned, longer])
-@pytest.mark.parametrize("kind", ["nbi", "nbc"])
-def test_no_damaged_byte_is_ever_executed(
-    tmp_path: Path, told: list[str], kind: str, damage: Callable[[bytes, np.random.Generator], bytes]
-) -> None:
+def test_no_damaged_byte_is_ever_executed(tmp_path: Path, told: list[str], damage: Callable[[bytes, np.random.Generator], bytes]) -> None:
     files, draw = machine_code._Files(str(tmp_path), "function-1.py311", "source"), np.random.default_rng(7)
     for _ in range(40):
         files.save("types", {"code": draw.bytes(200)})
-        (path,) = tmp_path.glob(f"*.{kind}")
+        (path,) = tmp_path.glob("*.nbc")
         path.write_bytes(damage(path.read_bytes(), draw))
         assert files.load("types") is None
     assert len(told) <= 1
@@ -111,13 +108,26 @@ def test_no_damaged_byte_is_ever_executed(
     assert machine_code._Files(str(tmp_path), "function-1.py311", "another source").load("types") is None
 
 
-@pytest.mark.examination
-def test_files_that_numba_itself_has_written_are_replaced_in_silence(tmp_path: Path) -> None:
-    (result,) = used(tmp_path)
-    for path in tmp_path.rglob("*.nbi"):
-        path.write_bytes(b"\x80\x05\x8c\x060.61.0\x94.")
-    assert used(tmp_path) == [result]
-    assert used(tmp_path) == [f"{result.split()[0]} 1"]
+def test_two_processes_that_compile_at_once_never_execute_each_others_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write, both = machine_code.atomic.write, threading.Barrier(2)
+
+    def written_together(path: Path, content: bytes) -> None:
+        both.wait(timeout=10.0)
+        write(path, content)
+
+    monkeypatch.setattr(machine_code.atomic, "write", written_together)
+    for k in range(20):
+        types = [f"types {k} {name}" for name in "ab"]
+        threads = [
+            threading.Thread(target=machine_code._Files(str(tmp_path), "function-1.py311", "source").save, args=(name, name))
+            for name in types
+        ]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        files = machine_code._Files(str(tmp_path), "function-1.py311", "source")
+        assert [files.load(name) for name in types] == types
 
 
 @pytest.mark.examination

@@ -18,12 +18,12 @@ from platformdirs import user_cache_path
 from beltcomm import atomic
 
 #: Changes whenever the generated source changes shape, so that an old cache is never met.
-VERSION = 19
+VERSION = 20
 #: Notes of what was compiled ahead; drafts of kernels; machine code of kernels as numba and Python name it.  Sources are left: a process
 #: of the version that wrote them may be about to read them, and they are short.
 _NOTE = re.compile(r"ahead_[0-9a-f]{20}")
 _DRAFT = re.compile(r"kernel_(\d+)_[0-9a-f]{20}\w+\.draft")  # as earlier versions named them
-_CODE = re.compile(r"kernel_(\d+)_[0-9a-f]{20}\.(?:\w+-\d+\.py\d+\w*\.(?:nbi|\d+\.nbc)|[\w-]+\.pyc)")
+_CODE = re.compile(r"kernel_(\d+)_[0-9a-f]{20}\.(?:\w+-\d+\.py\d+\w*\.(?:nbi|[0-9a-f]+\.nbc)|[\w-]+\.pyc)")
 #: Longest note, in bytes, that this package writes.
 _LONGEST = 10_000
 
