@@ -23,8 +23,8 @@ from beltcomm.cli.frame import Invocation, api, axis_for, run_folder
 @shared.specification_options
 @shared.apply_option
 @shared.target_option
-@click.option("--quick", is_flag=True, help="Fewer records: one position, a shorter sweep; wider intervals.")
-@click.option("--thorough", is_flag=True, help="More records, up to 180 s: all that the search for missing effects needs.")
+@click.option("--quick", is_flag=True, help="Fewer records, at one position: wider intervals.")
+@click.option("--thorough", is_flag=True, help="All that the search for missing effects needs, up to 180 s.")
 @click.option("--visible", is_flag=True, help="Say beforehand, a line each, how weak an effect the records could name; with --quick, too.")
 @click.option("--report/--no-report", default=True, help="A page on the run at the end, RUN/report.html; made when left out.")
 @shared.output_options
@@ -32,9 +32,7 @@ from beltcomm.cli.frame import Invocation, api, axis_for, run_folder
 def command(
     frame: Invocation, /, drive: str, axis: str | None, run: Path | None, resume: bool, targets: dict[str, Any], **given: Any
 ) -> int:
-    """Identify, fit, measure friction, design and verify an axis; the machine moves.
-
-    Says what will happen first and asks before anything moves.
+    """Identify, fit, design and verify an axis; the machine moves. The plan is shown first, and asked for.
 
     Example: beltcomm commission --drive virtual --yes
     """

@@ -62,7 +62,7 @@ class MassOrInertia(click.ParamType):  # type: ignore[type-arg,unused-ignore]  #
 @click.option(
     "--run",
     type=click.Path(path_type=Path),
-    help="Run folder: a new one, or one made by an earlier import. Dated under runs/ when left out.",
+    help="New folder, or one of an earlier import; a dated one under runs/ when left out.",
 )
 @click.option("--axis", metavar="FILE", help="axis.yaml, or the name of a shipped axis. Without: one rigid mass.")
 @click.option("--set", "entries", multiple=True, metavar="KEY=VALUE", help="An entry of axis.yaml: name=EMPS, limits.speed_m_s=0.2.")
@@ -137,13 +137,11 @@ def command(
 ) -> int:
     """Bring measurements from FILE into a run folder; the originals are kept.
 
-    FILE is CSV or text (also .gz), MATLAB (.mat), MDF (.mf4), HDF5, NumPy (.npz, .npy), or a log of CAN frames: candump, Vector
-    .asc and .blf, PEAK .trc, of which each move becomes a recording.
+    FILE is CSV or text (also .gz), MATLAB (.mat), MDF (.mf4), HDF5, NumPy (.npz, .npy), or a log of CAN frames (candump, Vector
+    .asc and .blf, PEAK .trc), of which each move becomes a recording.
 
-    --map reads: OUR column = THEIR column times a scale, then an offset if need be: --map torque_nm=Iq*0.65
-    --map position_rad=enc*9.587e-5+0.3. A unit may stand for the scale: --map t_s=time*ms. Columns that already have one of our
-    names need no --map. What is not mapped is guessed from names and units; what is not sure is asked, or written to a file of
-    mappings to be edited. Names of columns, units and what they mean: docs/import.md.
+    Columns are guessed from names and units; what is not sure is asked, or written to a file of mappings to be edited.
+    --map OURS=THEIRS*SCALE+OFFSET says it: torque_nm=Iq*0.65, t_s=time*ms. Names, units, meanings: docs/import.md.
 
     Example: beltcomm import trace.csv --axis axis.yaml
     """

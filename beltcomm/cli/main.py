@@ -173,7 +173,7 @@ def cli() -> None:
 
     Screens speak German where LANG (or BELTCOMM_LANG) is de.
 
-    RUN is the newest run where none is named; --details of a verb shows what does not fit on a screen.
+    RUN is the newest run where none is named. Of a verb, --help-all explains every option, --details shows what no screen has room for.
 
     Exit codes: 0 done, 1 refused or target missed, 2 wrong usage, 3 unusable data, 4 stopped for safety, 5 drive or bus.
     """

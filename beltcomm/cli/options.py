@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from beltcomm.cli import completion
+from beltcomm.cli.help import show
 from beltcomm.cli.hold import option as held_key
 from beltcomm.cli.newest import or_begun, or_newest, runs_here, told_drive
 from beltcomm.errors import BeltcommError, UsageError
@@ -128,7 +129,7 @@ def with_options(function: Function, *options: Callable[[Function], Function]) -
 
 
 def output_options(function: Function) -> Function:
-    """``--json``, ``--details`` and ``-v``: every verb has them."""
+    """``--json``, ``--details``, ``-v`` and the help: every verb has them."""
 
     def set_details(ctx: click.Context, _param: click.Parameter, value: bool) -> None:
         ctx.obj.details = value
@@ -144,6 +145,10 @@ def output_options(function: Function) -> Function:
         ),
         click.option("--details", is_flag=True, expose_value=False, callback=set_details, help="What does not fit on a screen, too."),
         click.option("--json", "_json", is_flag=True, expose_value=False, help="One JSON object on stdout."),
+        *(
+            click.option(*names, is_flag=True, is_eager=True, expose_value=False, callback=show, hidden=hidden, help="This screen.")
+            for names, hidden in ((("-h", "--help"), False), (("--help-all",), True))
+        ),
     )
 
 
@@ -190,7 +195,7 @@ def drive_options(function: Function, *, needed: bool = True, of_run: bool = Tru
             metavar="DRIVE",
             shell_complete=completion.drives,
             callback=partial(_note_drive, needed=needed, of_run=of_run),
-            help="virtual, virtual:PLANT, virtual:my_axis.yaml, can0, slcan:PORT, serial:PORT, ... (`beltcomm drives` lists adapters).",
+            help="can0, slcan:PORT, serial:PORT, ... (`beltcomm drives` lists them), virtual, virtual:PLANT or virtual:my_axis.yaml.",
         ),
         click.option(
             "--profile",
@@ -323,18 +328,18 @@ target_option = click.option(
     multiple=True,
     metavar="KEY=VALUE",
     callback=_targets,
-    help="What the axis must reach, in place of axis.yaml: following=0.5mm, settled=50um, after=0.3s, at=motor, carriage or both, "
-    "move=T_A (limits in axis.yaml), distance=300mm. Once for each.",
+    help="In place of a target of axis.yaml, once for each: following=0.5mm, settled=50um, after=0.3s, at=motor, carriage or both, "
+    "move=T_A (limits there), distance=300mm.",
 )
 yes_option = click.option("--yes", is_flag=True, help="Answer every question with yes.")
 force_option = click.option("--force", is_flag=True, help="Also what was edited by hand, and gains that are in doubt.")
 axis_option = click.option("--axis", metavar="FILE", shell_complete=completion.axes, help="axis.yaml, or the name of a shipped axis.")
-resume_option = click.option("--resume", is_flag=True, help="Go on with an existing run: only unfinished records are repeated.")
+resume_option = click.option("--resume", is_flag=True, help="Go on with a run: unfinished records are repeated.")
 new_run_option = click.option(
     "--run",
     type=click.Path(path_type=Path),
     shell_complete=completion.runs,
-    help="Run folder to make; a dated one under runs/ when left out.",
+    help="Folder to make; a dated one under runs/ when left out.",
 )
 existing_run_option = click.option(
     "--run",
@@ -352,7 +357,7 @@ run_to_open_argument = click.argument(
 )
 several_runs_argument = click.argument("runs", nargs=-1, type=click.Path(path_type=Path), shell_complete=completion.runs)
 payload_option = click.option(
-    "--payload", "payload_kg", type=QuantityType("payload_kg"), help="Heaviest payload to be moved; the design must hold for it."
+    "--payload", "payload_kg", type=QuantityType("payload_kg"), help="Heaviest to be moved; the design must hold for it."
 )
 prefilter_option = click.option(
     "--prefilter", type=WordChoice(["none", "notch", "butterworth"]), help="Of the velocity loop; the best one when left out."
@@ -366,7 +371,7 @@ def specification_options(command: Function) -> Function:
     demand = click.option(
         "--demand",
         type=WordChoice(["robust", "balanced", "fast"]),
-        help="The three knobs at once: robust 60°, -12 dB, 80°; balanced 45°, -10 dB, 70°, as without it; fast 35°, -8 dB, 60°.",
+        help="Margins: robust 60°, -12 dB, 80°; balanced (if left out) 45°, -10 dB, 70°; fast 35°, -8 dB, 60°.",
     )
     knobs = [
         click.option(option, name, type=float, metavar=unit, help=text)
@@ -421,5 +426,5 @@ window_option = click.option(
 apply_option = click.option(
     "--apply",
     type=WordChoice(["keep", "restore", "save"]),
-    help="Gains at the end: keep until power-off, restore the old ones, save for good. Asked for; with --yes: restore.",
+    help="Gains at the end: keep until power-off, restore the old ones (with --yes), save for good.",
 )
