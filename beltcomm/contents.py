@@ -127,7 +127,15 @@ TYPES: Mapping[str, Any] = {
         "units?": {str: float},
     },
     "fit": {
-        **{"misfit?": SIZE, "suspect?": bool, "free?": [str], "covariance?": [[float]], "remarks?": [str], "records?": [str]},
+        **{
+            "misfit?": SIZE,
+            "suspect?": bool,
+            "free?": [str],
+            "covariance?": [[float]],
+            "remarks?": [str],
+            "records?": [str],
+            "noted?": [str],
+        },
         **{"characteristics?": {str: _KNOWN}, "dead_time?": {"value_s": float, "interval_s?": SIZE}, "torque_path?": _TORQUE_PATH},
     },
     "ladder": {"revisions": [_REVISION]},
@@ -140,7 +148,7 @@ TYPES: Mapping[str, Any] = {
     "run.yaml": {"beltcomm?": str, "axis_fingerprint?": str, "drive?": {str: str}, "began_s?": float},
     "verify": {
         **{"passed": bool, "measured": _ERROR, "predicted": _ERROR, "measured_cart?": _ERROR, "predicted_cart?": _ERROR},
-        **{"predicted_range?": (_ERROR, _ERROR), "reasons?": [str], "reservations?": [str], "targets?": _TARGETS},
+        **{"predicted_range?": (_ERROR, _ERROR), "reasons?": [str], "reservations?": [str], "noted?": [str], "targets?": _TARGETS},
         "driven?": {"gains": {str: float}, "sending": str, "time_s": float},
         **{"proof?": _DRIVEN, "verified?": _HASHES, "own_loop?": bool},
     },

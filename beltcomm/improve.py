@@ -1,4 +1,4 @@
-"""``beltcomm improve``: what a model lacks is named and added, the gains are designed again and proven; before and after in µm.
+"""``beltcomm improve``: what a model lacks is named and added, the gains are designed again and proven; before and after.
 
 Each step is the public function behind a command.
 """
@@ -15,6 +15,7 @@ from beltcomm.errors import BeltcommError, Refused
 from beltcomm.experiments.options import Options, given
 from beltcomm.given import Place, pasted, place
 from beltcomm.language import tr
+from beltcomm.quantities import mm
 from beltcomm.result import Line, Result
 from beltcomm.rundata.headline import NextCommand, headline_of, next_command
 from beltcomm.rundata.revisions import Revision, revisions
@@ -105,20 +106,20 @@ def _ratios(made: Sequence[Mapping[str, Any]], every: Sequence[Revision]) -> tup
 
 
 def _errors(before: Mapping[str, Any] | None, after: Mapping[str, Any] | None, cost: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Following error at motor and carriage, µm, before and after: measured where both moves were driven, else predicted by the model that
+    """Following error at motor and carriage, m, before and after: measured where both moves were driven, else predicted by the model that
     knows what was missing: what the one before predicts, which lacks it, is no error that the axis had.
     """
     found = {}
     for place_, key in (("motor", "unaware"), ("carriage", "unaware_cart")):
         if before is not None and after is not None and before[place_]["measured"] and after[place_]["measured"]:
             found[place_] = {
-                "before_um": 1e6 * before[place_]["following_m"],
-                "after_um": 1e6 * after[place_]["following_m"],
+                "before_m": before[place_]["following_m"],
+                "after_m": after[place_]["following_m"],
                 "how": "measured",
             }
         elif cost and cost.get(key):
             aware = key.replace("unaware", "aware")
-            found[place_] = {"before_um": 1e6 * cost[key]["dynamic_m"], "after_um": 1e6 * cost[aware]["dynamic_m"], "how": "predicted"}
+            found[place_] = {"before_m": cost[key]["dynamic_m"], "after_m": cost[aware]["dynamic_m"], "how": "predicted"}
     return found
 
 
@@ -132,8 +133,8 @@ def _rows(errors: Mapping[str, Any]) -> list[Line]:
             Line(
                 "   ",
                 f"{tr('following error')}, {tr(where)}".ljust(26),
-                f"{one['before_um']:.0f} µm".ljust(11),
-                (f"{one['after_um']:.0f} µm".ljust(11), "good" if one["after_um"] < one["before_um"] else "note"),
+                mm(one["before_m"]).ljust(11),
+                (mm(one["after_m"]).ljust(11), "good" if one["after_m"] < one["before_m"] else "note"),
                 tr(one["how"]),
             )
             for where, one in errors.items()

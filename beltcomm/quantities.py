@@ -90,6 +90,16 @@ def in_other_unit(name: str, wanted: str) -> float | None:
     return spelled.get(found, spelled.get(found.replace("_", "", 1)))
 
 
+def in_mm(value_m: float) -> str:
+    """Error of a position in mm as every screen, page and file has it, without the unit: three digits, no power of ten, - for none."""
+    return f"{float(f'{1e3 * value_m:.3g}'):.5f}".rstrip("0").rstrip(".") if math.isfinite(value_m) else "-"
+
+
+def mm(value_m: float) -> str:
+    """:func:`in_mm` with its unit, where there is a number."""
+    return f"{in_mm(value_m)} mm".removeprefix("- mm") or "-"
+
+
 def parse_quantity(text: str, name: str) -> float:
     """The SI value of a text such as ``0.3``, ``300mm`` or ``0.449 kg cm²``.
 

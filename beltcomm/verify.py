@@ -15,6 +15,7 @@ from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.effects.tilt import GRAVITY_M_S2
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.model import Model
+from beltcomm.quantities import mm
 from beltcomm.recording import Recording
 from beltcomm.simulate.loop import LoopDrive, close_loop
 from beltcomm.simulate.plant import SimulatedPlant
@@ -371,7 +372,7 @@ def judge(
         ):
             passed &= value <= target
             word = "meets" if value <= target else "misses"
-            reasons.append(f"{what} at the {place}{how}: {1e3 * value:.3g} mm, {word} the target of {1e3 * target:.3g} mm")
+            reasons.append(f"{what} at the {place}{how}: {mm(value)}, {word} the target of {mm(target)}")
     if predicted.saturated:
         reasons.append(f"the controller reaches {' and '.join(predicted.saturated)}")
     reasons.append(_against(measured.dynamic_m, expected.dynamic_m))

@@ -156,7 +156,7 @@ class TunedDesign:
             "kinds": plain([kind for kind in KINDS if kind.prefilter in filters]),
             "paces": plain(PACES),
             "disturbance_nm": DISTURBANCE_NM,
-            "targets": {"dynamic_mm": 1e3 * targets.following_m, "static_um": 1e6 * targets.settled_m, "places": list(targets.places)},
+            "targets": {"dynamic_mm": 1e3 * targets.following_m, "static_mm": 1e3 * targets.settled_m, "places": list(targets.places)},
             "move": self._move_words,
             "editor": _editor(ground.move),
             "units": {one: plain(self._basis.folder.terms.shown(one)) for one in INPUT_UNITS},

@@ -77,8 +77,8 @@ def _curves(folder: RunFolder) -> dict[str, Any]:
         curves["response"] = {"record": name, "freq_hz": shown(response.freq_hz), "db": shown(20.0 * np.log10(np.abs(response.h)))}
     if move is not None and move.reference_position is not None and folder.has_axis:
         step = max(len(move.t_s) // DRAWN, 1)
-        error_um = 1e6 * folder.axis.transmission_m_rad * (move.reference_position - move.position)
-        curves["move"] = {"record": move.name, "t_s": shown(move.t_s[::step]), "error_um": shown(error_um[::step])}
+        error_mm = 1e3 * folder.axis.transmission_m_rad * (move.reference_position - move.position)
+        curves["move"] = {"record": move.name, "t_s": shown(move.t_s[::step]), "error_mm": shown(error_mm[::step])}
     return curves
 
 

@@ -20,7 +20,7 @@ from beltcomm.cli.frame import Invocation, api, today
 def command(frame: Invocation, /, run: Path, drive: str | None, **given: Any) -> int:
     """Name what the model of RUN lacks, add it, design again; with --drive drive the verification move too.
 
-    Says what it brings: the following error before and after in µm, as measured with --drive, else as predicted.
+    Says what it brings: the following error before and after, as measured with --drive, else as predicted.
 
     Example: beltcomm improve --drive virtual
     """

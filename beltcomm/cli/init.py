@@ -18,7 +18,7 @@ from beltcomm.cli.questions import Back, Done, ask_number, ask_word, otherwise, 
 from beltcomm.errors import Refused, UsageError
 from beltcomm.given import pasted
 from beltcomm.language import told, tr
-from beltcomm.quantities import unit_of
+from beltcomm.quantities import mm, unit_of
 
 if TYPE_CHECKING:
     from beltcomm.axis import Axis
@@ -125,9 +125,7 @@ def command(
     lines = [tr("{file} is written: {name}.", file=file, name=axis.name or tr("axis without a name"))]
     wanted = axis.targets
     targets = "your targets" if wanted.stated else "default targets, state your own under targets"
-    judged = (
-        f"Judged by: {1e3 * wanted.following_m:g} mm while it moves, {1e3 * wanted.settled_m:g} mm after {wanted.after_s:g} s ({targets})."
-    )
+    judged = f"Judged by: {mm(wanted.following_m)} while it moves, {mm(wanted.settled_m)} after {wanted.after_s:g} s ({targets})."
     lines.append(told(terms_of(axis).said(judged)))
     if axis.transmission is not None and axis.rigid:
         lines.append(tr("No stiffness between motor and load is stated: the axis counts as rigid."))

@@ -59,7 +59,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "convert": "Gains of a P-PI cascade as a PID controller, and back.",
     },
     "What is wrong with an axis": {
-        "improve": "Diagnose, add, design, verify: before and after in µm.",
+        "improve": "Diagnose, add, design, verify: before and after.",
         "compare": "Model against measurement: where does it fail?",
         "diagnose": "Which physical effect is missing in the model.",
         "add": "One more effect in the model: error before and after.",

@@ -19,7 +19,7 @@ from beltcomm.errors import UsageError
 @click.option("--trajectory", metavar="NAME", help="Limits of the 0 to 0.5 m move, from axis.yaml; T_A when left out.")
 @shared.sent_feedforward_option
 @shared.target_option
-@click.option("--rungs", is_flag=True, help="The move five times: what each step beyond the design source brings, in µm.")
+@click.option("--rungs", is_flag=True, help="The move five times: what each step beyond the design source brings.")
 @click.option(
     "--learn",
     type=click.IntRange(2, 50),

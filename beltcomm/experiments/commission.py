@@ -38,11 +38,13 @@ from beltcomm.fit.torque.stated_reading import stated_remarks
 from beltcomm.identify.amplitude import AmplitudeStep, family_around, half_friction, unknown_masses_kg
 from beltcomm.identify.final import FinalModel, evidence, final_model
 from beltcomm.identify.standstill import largest
+from beltcomm.laboratory.cross_checks import sheet_doubts
 from beltcomm.language import tr
 from beltcomm.machine import scale, stops
 from beltcomm.machine.hardware import Hardware
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
+from beltcomm.quantities import mm
 from beltcomm.recording import Recording
 from beltcomm.rundata import analyse
 from beltcomm.rundata.delays import assume_delay, delay, measure_delay_and_damping
@@ -438,6 +440,7 @@ def fit_and_design(machine: Machine, findings: Findings, settings: Settings) -> 
     measure_delay_and_damping(findings, [r for r in recordings if r.sidecar.experiment == "frf"], model)
     middle = sum(machine.envelope().window_m) / 2
     findings.characteristics = analyse.characteristics(findings.final.fit, middle)
+    findings.sheets = sheet_doubts(model, findings.final.fit.misfit**0.5, machine.axis, recordings)
     tell_model(machine, model, middle)
     sampling_limits.note_after(findings.remarks, model, machine.axis, machine.drive.capabilities, middle)
     try:
@@ -532,7 +535,7 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
     findings.verdict, findings.demand = verify_move(
         machine, model, cascade, delay(findings), trajectory, name, settings.payloads_kg, sending
     )
-    machine.found("following error", f"{1e3 * findings.verdict.measured.dynamic_m:.3g} mm")
+    machine.found("following error", mm(findings.verdict.measured.dynamic_m))
     return findings
 
 

@@ -18,6 +18,7 @@ from beltcomm.experiments.proving import verify_move
 from beltcomm.experiments.verification import in_drive
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
+from beltcomm.quantities import mm
 from beltcomm.recording import Recording
 from beltcomm.sending import Sending
 from beltcomm.simulate.stopping import total_friction
@@ -143,9 +144,7 @@ def learn(
             break
         best = learnt.best
         if one.rms_m > DIVERGES * best.rms_m:
-            learnt.ended = (
-                f"the error grew from {1e6 * best.rms_m:.3g} to {1e6 * one.rms_m:.3g} µm: the model does not tell how to learn this move"
-            )
+            learnt.ended = f"the error grew from {mm(best.rms_m)} to {mm(one.rms_m)}: the model does not tell how to learn this move"
             continue
         if teacher is None:
             worth = max(machine.drive.capabilities.torque_step_nm, WORTH * total_friction(model))

@@ -19,6 +19,7 @@ from beltcomm.experiments.recentre import stands
 from beltcomm.identify.amplitude import family_around
 from beltcomm.machine.machine import Envelope, Machine
 from beltcomm.model import Model
+from beltcomm.quantities import mm
 from beltcomm.rundata.delays import delay
 from beltcomm.rundata.findings import Findings
 from beltcomm.simulate.stopping import REACTION_PERIODS, SWING, Braking, rigid_deceleration, total_friction, total_viscous
@@ -163,7 +164,7 @@ def _verified(machine: Machine, findings: Findings, model: Model, cascade: Casca
     designed = predict_move(model, cascade, along, verification.in_drive(machine, delay(findings)))
     verdict = judge(recording, machine.ratio, designed)
     said = (
-        f"driven with the gains that stand in the drive; with those of the design {1e3 * verdict.predicted.dynamic_m:.3g} mm and "
-        f"{1e6 * verdict.predicted.static_m:.3g} µm are predicted at the motor"
+        f"driven with the gains that stand in the drive; with those of the design {mm(verdict.predicted.dynamic_m)} and "
+        f"{mm(verdict.predicted.static_m)} are predicted at the motor"
     )
     return replace(verdict, reasons=(*verdict.reasons[:-1], said))

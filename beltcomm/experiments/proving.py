@@ -26,6 +26,7 @@ from beltcomm.identify.led_gains import gain_factors
 from beltcomm.machine.machine import Machine
 from beltcomm.machine.prediction_watch import BELT_BEYOND
 from beltcomm.model import Model
+from beltcomm.quantities import mm
 from beltcomm.rundata import calibration, led_gains
 from beltcomm.rundata.led_gains import as_in_drive
 from beltcomm.rundata.proof import LEARNT, move_name, proof
@@ -162,7 +163,7 @@ def _brought(sent: Sent, alone: PredictedMove) -> list[str]:
     if sent.reference is not None:
         return [
             f"the reference led the motor by up to {1e3 * float(np.max(np.abs(sent.reference.lead_m))):.3g} mm, the inverse of the drive's "
-            f"loops; without, the axis is predicted to be off by {1e3 * alone.error.dynamic_m:.3g} mm. Whoever drives it later must lead "
+            f"loops; without, the axis is predicted to be off by {mm(alone.error.dynamic_m)}. Whoever drives it later must lead "
             "it too: beltcomm trajectory FILE --led RUN writes such a reference"
         ]
     most = 1e3 * float(np.max(np.abs(sent.torque_nm))) if sent.torque_nm is not None else 0.0
@@ -170,13 +171,13 @@ def _brought(sent: Sent, alone: PredictedMove) -> list[str]:
         without = alone.error
         return [
             f"up to {most:.3g} mN m were sent along with the reference; a controller that sends none is predicted to have "
-            f"{1e3 * without.dynamic_m:.3g} mm and {1e6 * without.static_m:.3g} µm with these gains"
+            f"{mm(without.dynamic_m)} and {mm(without.static_m)} with these gains"
         ]
     without = tracking_error(alone.t_s, alone.reference_m, alone.cart_m)
     return [
         f"the motor led the carriage by up to {1e3 * sent.led.lead_m:.3g} mm, the stretch of the belt, and up to {most:.3g} mN m were sent "
-        f"along; without, the carriage is predicted to be off by {1e3 * without.dynamic_m:.3g} mm and {1e6 * without.static_m:.3g} µm",
-        f"friction of the carriage can hide up to {1e6 * sent.led.held_m:.3g} µm of its place from the motor",
+        f"along; without, the carriage is predicted to be off by {mm(without.dynamic_m)} and {mm(without.static_m)}",
+        f"friction of the carriage can hide up to {mm(sent.led.held_m)} of its place from the motor",
     ]
 
 

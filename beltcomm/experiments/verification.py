@@ -28,6 +28,7 @@ from beltcomm.experiments.stops_out_of_move import (
 )
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
+from beltcomm.quantities import mm
 from beltcomm.rundata.led_gains import as_in_drive
 from beltcomm.sending import predict_led
 from beltcomm.trajectory import Trajectory, load_move, plan_trajectory, with_dwell
@@ -253,8 +254,8 @@ def within_target(machine: Machine, model: Model, cascade: Cascade, delay_s: flo
     if off <= following_m:
         return whole, standard.remark
     text = f"{standard.remark}; " if standard.remark else ""
-    text += f"the standard move would have {1e3 * off:.3g} mm of following error with this controller"
-    target = f"{1e3 * following_m:g} mm"
+    text += f"the standard move would have {mm(off)} of following error with this controller"
+    target = mm(following_m)
     slow = fastest(machine, model, cascade, delay_s, standard)
     if slow is None:
         text += f", and no move of less than {SLOWEST_MOVE_S:.0f} s stays within {target}"
@@ -326,11 +327,11 @@ def _led_within_target(machine: Machine, model: Model, cascade: Cascade, delay_s
             spread = predict_range(model, partial(_led_error, running, led, drive))
             if spread is None or spread[1].dynamic_m <= aim or move.duration_s > LONGEST_SLOW_MOVE_S:
                 break
-            reason = f"what is not known of the axis may make {1e3 * spread[1].dynamic_m:.3g} mm of following error of it"
+            reason = f"what is not known of the axis may make {mm(spread[1].dynamic_m)} of following error of it"
         elif path.saturated:
             reason = f"its reference would reach {' and '.join(path.saturated)}"
         else:
-            reason = f"it would have {1e3 * path.error.dynamic_m:.3g} mm of following error"
+            reason = f"it would have {mm(path.error.dynamic_m)} of following error"
         why = why or reason  # at full speed; slower ones may have others
         if move.duration_s > LONGEST_SLOW_MOVE_S:
             break

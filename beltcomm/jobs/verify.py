@@ -29,6 +29,7 @@ from beltcomm.machine import stops
 from beltcomm.machine.machine import Machine
 from beltcomm.machine.prediction_watch import BELT_BEYOND
 from beltcomm.model import Model
+from beltcomm.quantities import in_mm, mm
 from beltcomm.recording.signalfile import write_columns
 from beltcomm.result import Line, Result
 from beltcomm.rundata import analyse, offline
@@ -269,11 +270,9 @@ def _learnt_result(folder: RunFolder, drive: Drive, model: Model, gains: Cascade
     for number, one in enumerate(learnt.repetitions):
         mark = "   <- kept" if one is best else ""
         most = 1e3 * float(np.max(np.abs(one.torque_nm)))
-        text.append(f"  {number + 1:8d} {1e6 * one.rms_m:9.2f} µm {1e6 * one.largest_m:9.2f} µm {most:10.1f} mN m{mark}")
+        text.append(f"  {number + 1:8d} {mm(one.rms_m):>12} {mm(one.largest_m):>12} {most:10.1f} mN m{mark}")
     if not math.isnan(learnt.limit_m):
-        text.append(
-            f"  noise's limit: two drives with the same torque differ by {1e6 * learnt.limit_m:.2f} µm rms, which nothing learns away"
-        )
+        text.append(f"  noise's limit: two drives with the same torque differ by {mm(learnt.limit_m)} rms, which nothing learns away")
     text.append(f"  learnt up to {learnt.band_hz:.0f} Hz, where the model knows how the axis answers")
     text += words.remarks_lines([note for note in (learnt.ended, remark) if note])
     if best is first:
@@ -344,16 +343,16 @@ def typed_words(verdict: Verdict) -> str:
     if as_predicted(verdict):
         return "The drive did as predicted with the gains of the design: they are in it, as far as this move can tell."
     return (
-        f"The drive was off by {1e3 * off:.3g} mm where {1e3 * said:.3g} mm are predicted with the gains of the design: they are not what "
+        f"The drive was off by {mm(off)} where {mm(said)} are predicted with the gains of the design: they are not what "
         "stands in it. Look at each in the maker's tool, at its unit first."
     )
 
 
 def _rungs_result(folder: RunFolder, path: Trajectory, driven: list[tuple[str, Verdict, Demand]]) -> Result:
-    """All rungs: what each brings, um at the motor as measured, and at the carriage as measured or predicted."""
+    """All rungs: what each brings, mm at the motor as measured, and at the carriage as measured or predicted."""
     text = [
         f"The same move, {path.position_m[0]:.3f} m to {path.position_m[-1]:.3f} m in {path.duration_s:.2f} s, with the same gains; "
-        "errors in µm, in brackets what the rung took away",
+        "errors in mm, in brackets what the rung took away",
         f"  {'':74} {'motor, dynamic':>18} {'static':>14} {'carriage, dynamic':>20} {'static':>14}",
     ]
     data = []
@@ -361,8 +360,10 @@ def _rungs_result(folder: RunFolder, path: Trajectory, driven: list[tuple[str, V
     for rung, (record, verdict, _) in zip(RUNGS, driven, strict=True):
         cart = verdict.measured_cart or verdict.predicted_cart
         found = (verdict.measured.dynamic_m, verdict.measured.static_m, cart.dynamic_m, cart.static_m)
-        taken = [""] * 4 if before is None else [f" ({1e6 * (old - new):+.3g})" for old, new in zip(before, found, strict=True)]
-        shown = [f"{1e6 * value:.3g}{less}" for value, less in zip(found, taken, strict=True)]
+        taken = (
+            [""] * 4 if before is None else [f" ({'+' * (old >= new)}{in_mm(old - new)})" for old, new in zip(before, found, strict=True)]
+        )
+        shown = [f"{in_mm(value)}{less}" for value, less in zip(found, taken, strict=True)]
         text.append(f"  {rung.title:74} {shown[0]:>18} {shown[1]:>14} {shown[2]:>20} {shown[3]:>14}")
         data.append({"rung": rung.key, "title": rung.title, "recording": record, **verdict_to_dict(verdict)})
         before = found
@@ -370,8 +371,8 @@ def _rungs_result(folder: RunFolder, path: Trajectory, driven: list[tuple[str, V
     where = "measured" if last.measured_cart else "predicted; nothing measures there"
     text += [f"  at the carriage: {where}", f"  {last.reasons[-1]}"]
     if last.measured_cart is None:
-        missed = 1e6 * abs(last.measured.dynamic_m - last.predicted.dynamic_m)
-        text.append(f"  the prediction knows the model only: at the motor it is {missed:.3g} µm off, expect no less at the carriage")
+        missed = abs(last.measured.dynamic_m - last.predicted.dynamic_m)
+        text.append(f"  the prediction knows the model only: at the motor it is {mm(missed)} off, expect no less at the carriage")
     text.append(
         f"Next: beltcomm verify --drive {pasted(drive_of(folder))} --run {pasted(folder.path)} --feedforward compliant --move FILE"
         "   (a move of your own)"

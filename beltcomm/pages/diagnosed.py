@@ -111,7 +111,7 @@ def _priced(rung: Revision) -> list[Paragraphs | PageTable | Picture]:
     name, move = rung.cost["of"], rung.cost["move"]
     ranged = bool(rung.cost.get("aware_range"))
     rows = cost_rows(rung.cost) if ranged else [row[:2] + row[3:4] for row in cost_rows(rung.cost)]
-    head = ("error in µm", f"without {name}", "range", "with it", "range") if ranged else ("error in µm", f"without {name}", "with it")
+    head = ("error in mm", f"without {name}", "range", "with it", "range") if ranged else ("error in mm", f"without {name}", "with it")
     words = "By a controller made without it and by one made with it." + (
         " Range: smallest to largest over the intervals of the model." if ranged else ""
     )

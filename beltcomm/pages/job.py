@@ -14,13 +14,14 @@ from beltcomm.errors import UsageError
 from beltcomm.pages import axis, changes, diagnosed, loops, model, safety, tracking
 from beltcomm.pages.gather import Gathered, gathered
 from beltcomm.pages.page_file import admit_page, write_page
+from beltcomm.quantities import mm
 from beltcomm.report.page import Fact, Page, State, render
 from beltcomm.result import Result, plain
 from beltcomm.rundata.headline import MEANINGS, headline_of, next_command
+from beltcomm.sentences import screens
 from beltcomm.sentences.cross_checks import sheet_lines
 from beltcomm.sentences.laboratory import error_words
 from beltcomm.sentences.own_words import said_in
-from beltcomm.sentences.screens import model_state
 from beltcomm.talk import Silence, Talk
 
 #: The page and its numbers, in the run folder.
@@ -85,7 +86,7 @@ def report(run: Path, *, against: Path | None = None, out: Path | None = None, t
     steps = (step.partition(": ") for step in next_steps(found, str(run)))
     advice = [f"Next: {command}   ({why})" for command, _, why in steps]
     there = written[0].startswith("Report")
-    text = [page.verdict, *advice, *facts, *since, *written]
+    text = [page.verdict, *screens.warning_lines(page.warnings), *advice, *facts, *since, *written]
     return Result({**data, "page": str(where) if there else None}, text, 0 if there else UsageError.exit_code)
 
 
@@ -121,6 +122,7 @@ def page_of(found: Gathered, before: Gathered | None = None) -> Page:
         [*first_part, *(replace(made, folded=made.key not in FIRST) for made in (part(found) for part in PARTS))],
         [f"Made by: {found.command}", *found.remarks],
         changes.named(changed, before, found) if before is not None else (),
+        warnings(found),
     )
 
 
@@ -132,6 +134,7 @@ def numbers_of(found: Gathered, page: Page, before: Gathered | None = None) -> d
         "run": found.name,
         "headline": headline_of(found.folder).to_dict(),
         "verdict": page.verdict,
+        "warnings": list(page.warnings),
         "state": page.state,
         "facts": [plain(fact) for fact in page.facts],
         "next": list(page.next_steps),
@@ -152,6 +155,12 @@ def verdict(run: Gathered) -> tuple[str, State]:
     return found.text, MEANINGS[found.state]
 
 
+def warnings(run: Gathered) -> list[str]:
+    """Notes below the headline, as the answer on a terminal has them."""
+    sheets = run.laboratory.sheets if run.laboratory is not None else ()
+    return screens.warnings(run.results.get(headline_of(run.folder).move or "fit") or {}, plain(list(sheets)))
+
+
 def facts(run: Gathered) -> list[Fact]:
     """Tracking error, model error, margin; each says what is missing where it is not known."""
     return [_tracking(run), _model(run), _margin(run)]
@@ -163,15 +172,15 @@ def _tracking(run: Gathered) -> Fact:
         return Fact("Following error", "not measured", "beltcomm verify drives a move and measures it", "note")
     last: Mapping[str, Any] = list(moves.values())[-1]
     measured, predicted = last["measured"], last["predicted"]
-    words = f"largest while moving; predicted {1e6 * predicted['dynamic_m']:.0f} µm; at rest {1e6 * measured['static_m']:.0f} µm"
-    return Fact("Following error, motor", f"{1e6 * measured['dynamic_m']:.0f} µm", words, "good" if last["passed"] else "bad")
+    words = f"largest while moving; predicted {mm(predicted['dynamic_m'])}; at rest {mm(measured['static_m'])}"
+    return Fact("Following error, motor", mm(measured["dynamic_m"]), words, "good" if last["passed"] else "bad")
 
 
 def _model(run: Gathered) -> Fact:
     found = run.comparison
     if found is None:
         return Fact("Model error", "not compared", run.remarks[0] if run.remarks else "beltcomm compare says why", "note")
-    _, said, style = model_state(max(found.ratio, found.held_out or 0.0))
+    _, said, style = screens.model_state(max(found.ratio, found.held_out or 0.0))
     words = error_words((found.ratio, found.held_out), (found.plain, found.plain_held_out)).partition(", ")[2]
     return Fact("Model error", f"{found.ratio:.2f} × noise", f"{said.partition(' (')[0]}; {words}", "good" if style == "good" else "bad")
 

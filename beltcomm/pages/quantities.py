@@ -100,6 +100,6 @@ def quantities_of(model: Model | None, results: Mapping[str, Mapping[str, Any]],
     moves = [result for name, result in results.items() if name.startswith("verify_")]
     if moves:
         measured = moves[-1]["measured"]
-        add("dynamic_error", "tracking error of the motor while moving", "µm", 1e6, measured["dynamic_m"], None)
-        add("static_error", "tracking error of the motor at rest", "µm", 1e6, measured["static_m"], None)
+        add("dynamic_error", "tracking error of the motor while moving", "mm", 1e3, measured["dynamic_m"], None)
+        add("static_error", "tracking error of the motor at rest", "mm", 1e3, measured["static_m"], None)
     return found

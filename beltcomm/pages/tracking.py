@@ -10,6 +10,7 @@ import numpy as np
 from beltcomm.errors import BeltcommError
 from beltcomm.given import pasted
 from beltcomm.pages.gather import Gathered
+from beltcomm.quantities import in_mm
 from beltcomm.recording import Recording
 from beltcomm.report.page import PageTable, Paragraphs, Picture, Section, picture_of
 from beltcomm.report.style import Caption
@@ -32,7 +33,7 @@ def section(run: Gathered) -> Section:
             "tracking", title, missing=f"No move was driven; beltcomm verify --drive DRIVE --run {pasted(run.place)} drives one."
         )
     rows = [_row(r.name, run.verifications[r.name]) for r in moves]
-    head = ("move", "result", "following error, motor, µm", "predicted", "range", "settled error, µm", "predicted")
+    head = ("move", "result", "following error, motor, mm", "predicted", "range", "settled error, mm", "predicted")
     shown = [moves[0], moves[-1]][-min(SHOWN, len(moves)) :]
     caption = Caption(run.command, f"{run.name}/recordings: {', '.join(r.name for r in shown)}")
     parts: list[Paragraphs | PageTable | Picture] = [
@@ -55,15 +56,15 @@ def last(run: Gathered) -> TrackedMove | None:
 
 def _row(name: str, result: Mapping[str, Any]) -> tuple[str, ...]:
     measured, predicted, spread = result["measured"], result["predicted"], result.get("predicted_range")
-    between = "" if not spread else f"{1e6 * spread[0]['dynamic_m']:.0f} to {1e6 * spread[1]['dynamic_m']:.0f}"
+    between = "" if not spread else " to ".join(in_mm(end["dynamic_m"]) for end in spread)
     return (
         name,
         "meets its targets" if result["passed"] else "misses its targets",
-        f"{1e6 * measured['dynamic_m']:.0f}",
-        f"{1e6 * predicted['dynamic_m']:.0f}",
+        in_mm(measured["dynamic_m"]),
+        in_mm(predicted["dynamic_m"]),
         between,
-        f"{1e6 * measured['static_m']:.0f}",
-        f"{1e6 * predicted['static_m']:.0f}",
+        in_mm(measured["static_m"]),
+        in_mm(predicted["static_m"]),
     )
 
 

@@ -154,6 +154,8 @@ class Page:
         Commands, in the order in which they help.
     changes : sequence of str
         Since another run, in words.
+    warnings : sequence of str
+        Below the first sentence.
     """
 
     title: str
@@ -165,6 +167,7 @@ class Page:
     sections: Sequence[Section] = ()
     notes: Sequence[str] = field(default=())
     changes: Sequence[str] = field(default=())
+    warnings: Sequence[str] = field(default=())
 
 
 def picture_of(figure: Figure) -> Picture:

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from beltcomm.arrays import Array
 from beltcomm.report import style
 
-#: Upper ends of an axis of errors, um: the same for most pictures, so that two runs compare.
-ENDS_UM = (50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0)
+#: Upper ends of an axis of errors, mm: the same for most pictures, so that two runs compare.
+ENDS_MM = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 
 
 @dataclass(frozen=True)
@@ -41,9 +41,9 @@ class TrackedMove:
 
 def tracking_figure(moves: Sequence[TrackedMove], caption: style.Caption) -> Figure:
     """A column for each move; errors on one scale."""
-    largest = max(1e6 * float(np.max(np.abs(m.error_m))) for m in moves)
-    largest = max([largest, *(1e6 * float(np.max(np.abs(m.predicted[1]))) for m in moves if m.predicted is not None)])
-    end = next((end for end in ENDS_UM if largest < 0.95 * end), 1.1 * largest)
+    largest = max(1e3 * float(np.max(np.abs(m.error_m))) for m in moves)
+    largest = max([largest, *(1e3 * float(np.max(np.abs(m.predicted[1]))) for m in moves if m.predicted is not None)])
+    end = next((end for end in ENDS_MM if largest < 0.95 * end), 1.1 * largest)
     with style.styled():
         made = style.figure("Tracking: the path, and how far the motor is off it", 5.4, caption)
         grid = made.subplots(2, len(moves), sharex="col", sharey="row", squeeze=False, height_ratios=(2, 3))
@@ -52,18 +52,18 @@ def tracking_figure(moves: Sequence[TrackedMove], caption: style.Caption) -> Fig
             above.set_title(move.name)
             above.plot(move.t_s, 1e3 * move.reference_m, color=style.MODEL, linewidth=1.6, label="reference")
             above.plot(move.t_s, 1e3 * (move.reference_m - move.error_m), color=style.MEASURED, linewidth=0.8, label="measured")
-            below.plot(move.t_s, 1e6 * move.error_m, color=style.MEASURED, linewidth=0.9, label="measured")
+            below.plot(move.t_s, 1e3 * move.error_m, color=style.MEASURED, linewidth=0.9, label="measured")
             if move.predicted is not None:
                 t_s, error_m = move.predicted
-                below.plot(t_s, 1e6 * error_m, color=style.MODEL, linewidth=1.2, label="predicted")
+                below.plot(t_s, 1e3 * error_m, color=style.MODEL, linewidth=1.2, label="predicted")
             below.axvline(move.end_s, color=style.FAINT, linewidth=1.2)
             below.annotate(" end of the motion", (move.end_s, -0.95 * end), fontsize=8, rotation=90, va="bottom")
-            if 1e6 * move.target_m <= end:
+            if 1e3 * move.target_m <= end:
                 for side in (-1.0, 1.0):
-                    below.axhline(side * 1e6 * move.target_m, color=style.SEVERE, linewidth=1.0, linestyle=(0, (5, 3)))
+                    below.axhline(side * 1e3 * move.target_m, color=style.SEVERE, linewidth=1.0, linestyle=(0, (5, 3)))
             below.set(xlabel="time in s", ylim=(-end, end))
         grid[0][0].set_ylabel("carriage in mm")
-        grid[1][0].set_ylabel("reference minus motor in µm")
+        grid[1][0].set_ylabel("reference minus motor in mm")
         grid[0][0].legend(loc="upper left", fontsize=8)
         grid[1][0].legend(loc="upper right", fontsize=8)
     return made

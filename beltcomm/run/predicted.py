@@ -10,6 +10,7 @@ from beltcomm.app.design import ground_of, move_between
 from beltcomm.axis.entries import AxisTargets
 from beltcomm.axis.terms import PLAIN, Terms
 from beltcomm.jobs.design import basis_of
+from beltcomm.quantities import mm
 from beltcomm.result import Described, table
 from beltcomm.run.record import Drawing, import_pandas
 from beltcomm.rundata.store import saved_design
@@ -91,9 +92,9 @@ class MovePrediction(Described):
     def _lines(self) -> list[str]:
         motor, cart, path = self.error, self.cart_error, self.path
         rows = [
-            ["following error", f"{1e3 * motor.dynamic_m:.3g} mm", f"{1e3 * cart.dynamic_m:.3g} mm"],
-            ["after it has settled", f"{1e3 * motor.static_m:.3g} mm", f"{1e3 * cart.static_m:.3g} mm"],
-            ["overshoot", f"{1e3 * motor.overshoot_m:.3g} mm", f"{1e3 * cart.overshoot_m:.3g} mm"],
+            ["following error", mm(motor.dynamic_m), mm(cart.dynamic_m)],
+            ["after it has settled", mm(motor.static_m), mm(cart.static_m)],
+            ["overshoot", mm(motor.overshoot_m), mm(cart.overshoot_m)],
         ]
         lines: list[str] = [f"Predicted move: {self._words}", *table(["", ">motor", ">carriage"], rows)]
         lines.append(

@@ -18,6 +18,7 @@ from beltcomm.design.compensation import compensated_effects, compensation
 from beltcomm.design.margins import margins
 from beltcomm.errors import BeltcommError, Refused
 from beltcomm.model import Model
+from beltcomm.quantities import in_mm, mm
 from beltcomm.result import plain
 from beltcomm.rundata import analyse
 from beltcomm.rundata.delays import assume_delay, delay, measure_delay_and_damping
@@ -130,14 +131,14 @@ def cost_lines(cost: Cost | None, reason: str, name: str) -> list[str]:
     if cost is None:
         return [f"What {name} costs in tracking cannot be said: {reason}"]
     if cost.is_negligible:
-        either = _um(cost.aware.dynamic_m)
+        either = mm(cost.aware.dynamic_m)
         return [f"{name} costs nothing that matters in the move from {cost.move}: {either} at the motor with it and without."]
     lines = [
         f"What {name} costs, predicted for the move from {cost.move}, controller without it → with it:",
-        f"  at the motor    following error {_um(cost.unaware.dynamic_m)} → {_um(cost.aware.dynamic_m)}, "
-        f"settled {_um(cost.unaware.static_m)} → {_um(cost.aware.static_m)}",
-        f"  at the carriage following error {_um(cost.unaware_cart.dynamic_m)} → {_um(cost.aware_cart.dynamic_m)}, "
-        f"settled {_um(cost.unaware_cart.static_m)} → {_um(cost.aware_cart.static_m)}",
+        f"  at the motor    following error {mm(cost.unaware.dynamic_m)} → {mm(cost.aware.dynamic_m)}, "
+        f"settled {mm(cost.unaware.static_m)} → {mm(cost.aware.static_m)}",
+        f"  at the carriage following error {mm(cost.unaware_cart.dynamic_m)} → {mm(cost.aware_cart.dynamic_m)}, "
+        f"settled {mm(cost.unaware_cart.static_m)} → {mm(cost.aware_cart.static_m)}",
     ]
     if cost.unaware_margins:
         lines.append(f"  but the controller without it does not hold on such a machine: {cost.unaware_margins}; knowing it costs gain")
@@ -170,14 +171,14 @@ def offline_move(axis: Axis, model: Model, period_s: float) -> Trajectory:
 
 
 def cost_rows(cost: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    """A cost as a revision keeps it: what, error without the effect, its range, error with it, its range, µm; no range: ""."""
+    """A cost as a revision keeps it: what, error without the effect, its range, error with it, its range, mm; no range: ""."""
     rows: list[tuple[str, ...]] = []
     for place, end in (("motor", ""), ("carriage", "_cart")):
         for kind in ("dynamic_m", "static_m"):
             shown = []
             for controller in ("unaware", "aware"):
                 spread = cost.get(f"{controller}{end}_range") or ()
-                shown += [f"{1e6 * cost[controller + end][kind]:.0f}", " to ".join(f"{1e6 * one[kind]:.0f}" for one in spread)]
+                shown += [in_mm(cost[controller + end][kind]), " to ".join(in_mm(one[kind]) for one in spread)]
             rows.append((f"{place}, {kind.removesuffix('_m')}", *shown))
     return rows
 
@@ -206,10 +207,6 @@ def _errors(
     told = any(value.interval is not None for value in machine.parameters.values())
     spread = predict_range(machine, lambda on, stretch_m: errors(on, stretch_m)[0]) if told else None
     return *errors(machine, 0.0), spread, designed
-
-
-def _um(value_m: float) -> str:
-    return f"{1e6 * value_m:.0f} µm" if value_m < 1e-3 else f"{1e3 * value_m:.2f} mm"
 
 
 def cost_and_words(folder: RunFolder, before: Model, after: Model, name: str) -> tuple[dict[str, Any] | None, list[str]]:

@@ -16,6 +16,7 @@ from beltcomm.errors import BeltcommError
 from beltcomm.given import Reached, pasted
 from beltcomm.language import tr
 from beltcomm.model import Model
+from beltcomm.quantities import mm
 from beltcomm.rundata.proof import same_gains, suspect
 from beltcomm.rundata.revisions import current_revision, trusted_model, unfitted
 from beltcomm.runfolder import RunFolder
@@ -31,6 +32,8 @@ WORDS: Mapping[State, str] = {
 }
 #: Where a result of a move keeps what it was driven with.
 OF = "verified"
+#: Where a result keeps what was noted in its session, in words.
+NOTED = "noted"
 #: Where it says that the move was driven with gains that a person has set in the drive.
 OWN = "own_loop"
 UNEXPLAINED = "the model does not explain what was measured"
@@ -279,7 +282,7 @@ def _error(result: Mapping[str, Any], place: str) -> dict[str, Any]:
 
 def _within(errors: Mapping[str, Mapping[str, Any]]) -> str:
     return ", ".join(
-        f"{_mm(one['following_m'])} ({tr(place)}{'' if one['measured'] else ', ' + tr('predicted')})"
+        f"{mm(one['following_m'])} ({tr(place)}{'' if one['measured'] else ', ' + tr('predicted')})"
         for place, one in errors.items()
         if one["following_m"] == one["following_m"]
     )
@@ -292,16 +295,12 @@ def _missed(errors: Mapping[str, Mapping[str, Any]], targets: AxisTargets) -> li
         one = errors[place]
         how = tr(place) if one["measured"] else f"{tr(place)}, {tr('predicted')}"
         if one["following_m"] > targets.following_m:
-            value, limit = _mm(one["following_m"]), _mm(targets.following_m)
+            value, limit = mm(one["following_m"]), mm(targets.following_m)
             found.append(tr("following error {value} ({how}), allowed {limit}", value=value, how=how, limit=limit))
         if one["settled_m"] > targets.settled_m:
-            value, limit = _mm(one["settled_m"]), _mm(targets.settled_m)
+            value, limit = mm(one["settled_m"]), mm(targets.settled_m)
             found.append(tr("{value} off after {s:g} s ({how}), allowed {limit}", value=value, s=targets.after_s, how=how, limit=limit))
     return found
-
-
-def _mm(value_m: float) -> str:
-    return f"{1e3 * value_m:.3g} mm"
 
 
 def _hash(value: Any) -> str:

@@ -346,7 +346,7 @@ def provenance_lines(rung: Revision) -> list[str]:
     lines = [f"  {rung.name}  {', '.join(filter(None, [rung.when, f'{number}, data {rung.data_hash}']))}"]
     lines += [f"    {rung.command}"] if rung.command else []
     if rung.cost is not None:
-        lines.append(f"    error in µm without {rung.cost['of']} → with it ({rung.cost['move']}):")
+        lines.append(f"    error in mm without {rung.cost['of']} → with it ({rung.cost['move']}):")
         for what, *errors in cost_rows(rung.cost):
             without, aware = (f"{error} ({spread})" if spread else error for error, spread in zip(errors[::2], errors[1::2], strict=True))
             lines.append(f"      {what:17} {without} → {aware}")

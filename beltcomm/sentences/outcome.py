@@ -16,7 +16,7 @@ from beltcomm.result import Line, plain
 from beltcomm.rundata import analyse
 from beltcomm.rundata.delays import delay
 from beltcomm.rundata.findings import Findings
-from beltcomm.rundata.headline import OF, OWN, hashes_of, headline_of, next_command
+from beltcomm.rundata.headline import NOTED, OF, OWN, hashes_of, headline_of, next_command
 from beltcomm.rundata.kept_fit import KEY, keep_fit
 from beltcomm.rundata.revisions import RECORDS
 from beltcomm.rundata.store import design_to_dict, fit_to_dict, verdict_to_dict
@@ -31,7 +31,7 @@ def save(folder: RunFolder, findings: Findings) -> None:
     model = findings.final.fit.model if findings.final is not None else None
     if findings.final is not None:
         folder.save("models", "final", findings.final.fit.model.to_dict())
-        folder.save("results", "fit", {**fit_dict(findings.final, findings), RECORDS: folder.finished_names()})
+        folder.save("results", "fit", {**fit_dict(findings.final, findings), RECORDS: folder.finished_names(), NOTED: findings.remarks})
         keep_fit(folder, findings.final.fit.data, findings.final.fit.fitted, findings.final.fit.model)
     if findings.friction is not None:
         folder.save("results", "friction", plain(findings.friction))
@@ -42,7 +42,7 @@ def save(folder: RunFolder, findings: Findings) -> None:
     if findings.verdict is not None:
         driven = findings.proof.get("gains") if isinstance(findings.proof, Mapping) else None
         proven = {"proof": plain(findings.proof), OF: hashes_of(driven or {}, model), **({OWN: True} if findings.own_loop else {})}
-        verdict = {**verdict_to_dict(findings.verdict), **proven, "reservations": findings.reservations}
+        verdict = {**verdict_to_dict(findings.verdict), **proven, "reservations": findings.reservations, NOTED: findings.remarks}
         folder.save("results", f"verify_{findings.move_name}", verdict)
 
 
@@ -187,10 +187,6 @@ class ReportWords(Protocol):
         ...
 
 
-#: A remark that nobody has to act on.
-UNHURRIED = "not recorded, for "
-
-
 @dataclass(frozen=True)
 class Ending:
     """Last words of a commissioning.
@@ -222,11 +218,7 @@ def commission_text(folder: RunFolder, findings: Findings, ended: ReportWords | 
     error = ended.error if ended is not None else None
     final = findings.final
     typed = typed_gains.of_run(folder, findings.cascade) if findings.own_loop and findings.cascade else []
-    warnings = [
-        *findings.reservations,
-        *screens.sheet_words(ended.sheets if ended is not None else ()),
-        *(r for r in findings.remarks if not r.startswith(UNHURRIED)),
-    ]
+    told = {"reservations": findings.reservations, NOTED: findings.remarks}
     answer = [Line(""), *screens.headline_lines(headline_of(folder)), Line("")]
     if findings.verdict is not None:
         answer += [*screens.tracking_lines(findings.verdict), Line("")]
@@ -240,7 +232,7 @@ def commission_text(folder: RunFolder, findings: Findings, ended: ReportWords | 
     if findings.design is not None and findings.cascade is not None:
         answer += screens.design_screen(findings.design, findings.cascade)
     answer += [Line(" " * 12, (tr("this drive's gains can only be typed in: --details has them"), "note"))] if typed else []
-    answer += screens.warning_lines(warnings)
+    answer += screens.warning_lines(screens.warnings(told, ended.sheets if ended is not None else plain(list(findings.sheets))))
     details = [
         *(words.verdict_lines(findings.verdict, findings.demand) if findings.verdict else []),
         *model_text(findings, error=error, compared=False),

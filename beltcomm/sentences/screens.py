@@ -20,14 +20,17 @@ from beltcomm.fit.noise.level import error_floor_words
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.language import told, tr
 from beltcomm.model import Model
+from beltcomm.quantities import in_mm, mm
 from beltcomm.result import Line, command_lines
 from beltcomm.rundata import analyse
 from beltcomm.rundata.design_proof import DesignProof
-from beltcomm.rundata.headline import EXPLAINED, MEANINGS, Headline, NextCommand
+from beltcomm.rundata.headline import EXPLAINED, MEANINGS, NOTED, Headline, NextCommand
 from beltcomm.verify import TrackingError, Verdict
 
 #: Columns of a screen; warnings that it shows.
 WIDE, MOST_WARNINGS = 80, 3
+#: How a note begins that nobody has to act on.
+UNHURRIED = "not recorded, for "
 #: What of a data sheet is off, in the words of a screen: entry -> (found less, found more).
 OFF = {
     "belt.specific_stiffness_n": (
@@ -71,7 +74,7 @@ def tracking_lines(verdict: Verdict) -> list[Line]:
             rows.append(_error_row(label, place, "static_m", measured, predicted, spread, targets.settled_m, judged))
     place, one = ("carriage", verdict.measured_cart) if verdict.measured_cart else ("motor", verdict.measured)
     settled = tr("never settles") if one.settling_s is None else tr("settles in {ms:.0f} ms", ms=1e3 * one.settling_s)
-    return [*rows, Line("   ", f"{tr('overshoot')}, {tr(place)}".ljust(26), f"{_mm(one.overshoot_m)}".ljust(11), settled)]
+    return [*rows, Line("   ", f"{tr('overshoot')}, {tr(place)}".ljust(26), f"{mm(one.overshoot_m)}".ljust(11), settled)]
 
 
 def _error_row(
@@ -86,11 +89,11 @@ def _error_row(
 ) -> Line:
     """One error with its target; what is not judged is still compared."""
     value = float(getattr(predicted if measured is None else measured, key))
-    guess = _mm(getattr(predicted, key)) if spread is None else f"{1e3 * getattr(spread[0], key):.3f}..{1e3 * getattr(spread[1], key):.3f}"
+    guess = mm(getattr(predicted, key)) if spread is None else "..".join(in_mm(getattr(end, key)) for end in spread)
     word = tr("ok") if value <= limit_m else tr("MISSED") if judged else tr("beyond")
     style = "good" if value <= limit_m else "bad" if judged else "note"
-    shown = "-" if measured is None else _mm(value)
-    wanted = _mm(limit_m) if judged else f"({_mm(limit_m)})"
+    shown = "-" if measured is None else mm(value)
+    wanted = mm(limit_m) if judged else f"({mm(limit_m)})"
     return Line(
         "   ", f"{label}, {tr(place)}".ljust(26), shown.ljust(11), guess.ljust(18), wanted.ljust(11), (word, style if judged else "soft")
     )
@@ -222,6 +225,12 @@ def sheet_words(doubts: Iterable[Mapping[str, Any]]) -> list[str]:
     return told
 
 
+def warnings(session: Mapping[str, Any], sheets: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Warnings below a headline: reservations and notes of the session that it rests on, and what of the data sheets is off."""
+    notes = (note for note in session.get(NOTED) or () if not note.startswith(UNHURRIED))
+    return [*map(told, session.get("reservations") or ()), *sheet_words(sheets), *map(told, notes)]
+
+
 def warning_lines(texts: Sequence[str]) -> list[Line]:
     """Warnings, a line each; how many more there are."""
     lines = [Line("   ", (shorten(f"! {told(text)}", WIDE - 4, placeholder=" ..."), "note")) for text in texts[:MOST_WARNINGS]]
@@ -237,10 +246,6 @@ def next_lines(step: NextCommand) -> list[Line]:
 def _limit(reason: str) -> str:
     """Binding limit without its value: ``velocity phase margin``."""
     return tr(re.split(r" -?[\d.]", reason.partition(" (")[0])[0])
-
-
-def _mm(value_m: float) -> str:
-    return f"{_digits(1e3 * value_m)} mm"
 
 
 def _digits(value: float) -> str:

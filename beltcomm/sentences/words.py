@@ -14,6 +14,7 @@ from beltcomm.fit.noise.level import error_floor_words
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.magnitude_fit import MagnitudeFit
 from beltcomm.model import Model
+from beltcomm.quantities import in_mm, mm
 from beltcomm.rundata.analyse import Characteristic, Nonlinearity
 from beltcomm.verify import Demand, Verdict
 
@@ -186,7 +187,7 @@ _ERRORS = "following error: the largest while it moves; settled error: the large
 
 
 def verdict_lines(verdict: Verdict, demand: Demand | None, feedforward: str | None = None) -> list[str]:
-    """Predicted and measured tracking error, in mm and µm.
+    """Predicted and measured tracking error.
 
     Parameters
     ----------
@@ -204,20 +205,15 @@ def verdict_lines(verdict: Verdict, demand: Demand | None, feedforward: str | No
         ("at the carriage", verdict.measured_cart, verdict.predicted_cart, None),
     ):
         parts = []
-        for what, name, unit, factor in (("following error", "dynamic_m", "mm", 1e3), ("settled", "static_m", "µm", 1e6)):
-            between = f", range {' to '.join(_short(factor * getattr(end, name)) for end in spread)}" if spread else ""
-            guess = f"{_short(factor * getattr(expected, name))} {unit}"
+        for what, name in (("following error", "dynamic_m"), ("settled", "static_m")):
+            between = f", range {' to '.join(in_mm(getattr(end, name)) for end in spread)}" if spread else ""
+            guess = mm(getattr(expected, name))
             if measured is None:
                 parts.append(f"{what} {guess}")
             else:
-                parts.append(f"{what} {_short(factor * getattr(measured, name))} {unit} (predicted {guess}{between})")
+                parts.append(f"{what} {mm(getattr(measured, name))} (predicted {guess}{between})")
         lines.append(f"  {words:16} {', '.join(parts)}{' (predicted; nothing measures there)' if measured is None else ''}")
     return lines + [f"  {reason}" for reason in verdict.reasons]
-
-
-def _short(value: float) -> str:
-    """Three digits, without powers of ten."""
-    return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"
 
 
 def remarks_lines(remarks: Sequence[str]) -> list[str]:

@@ -15,9 +15,9 @@ from beltcomm.study.summary import MORE_IS_BETTER, Answers, Driver, QuantitySpre
 #: Words, unit and factor from SI of what a member has as a result.
 TITLES: Mapping[str, tuple[str, str, float]] = {
     "dynamic_m": ("following error at the motor", "mm", 1e3),
-    "static_m": ("settled error at the motor", "µm", 1e6),
+    "static_m": ("settled error at the motor", "mm", 1e3),
     "dynamic_cart_m": ("following error at the carriage", "mm", 1e3),
-    "static_cart_m": ("settled error at the carriage", "µm", 1e6),
+    "static_cart_m": ("settled error at the carriage", "mm", 1e3),
     "predicted_dynamic_m": ("predicted following error", "mm", 1e3),
     "torque_nm": ("motor torque", "N m", 1.0),
     "belt_force_n": ("belt force", "N", 1.0),

@@ -60,7 +60,7 @@ def error_changes(present: TrackingError, new: TrackingError) -> tuple[TuningCha
     """Predicted errors of the move at the motor."""
     return (
         _judged("predicted following error", "mm", 1e3 * present.dynamic_m, 1e3 * new.dynamic_m, False, SAME_PRODUCT),
-        _judged("predicted settled error", "µm", 1e6 * present.static_m, 1e6 * new.static_m, False, SAME_PRODUCT),
+        _judged("predicted settled error", "mm", 1e3 * present.static_m, 1e3 * new.static_m, False, SAME_PRODUCT),
     )
 
 

@@ -92,14 +92,14 @@ export function design(ask) {
     tracked = found;
     if (found.sentence) $("summary").textContent = latest.sentence.startsWith("Nothing") ? found.sentence : `${latest.sentence.slice(0, -1)}; ${found.sentence.replace("Against the present design: ", "")}`;
     rows([...latest.changes, ...found.changes]);
-    const { dynamic_mm, static_um, places } = begun.targets, { error, cart_error } = found.new;
+    const { dynamic_mm, static_mm, places } = begun.targets, { error, cart_error } = found.new;
     const judged = (place, one) => {
       if (!places.includes(place)) return "";
-      const missed = [1e3 * one.dynamic_m > dynamic_mm && `${dynamic_mm} mm`, 1e6 * one.static_m > static_um && `${static_um} µm`].filter(Boolean);
-      return missed.length ? ` (misses ${missed.join(" and ")})` : ` (meets ${dynamic_mm} mm and ${static_um} µm)`;
+      const missed = [1e3 * one.dynamic_m > dynamic_mm && `${dynamic_mm} mm`, 1e3 * one.static_m > static_mm && `${static_mm} mm`].filter(Boolean);
+      return missed.length ? ` (misses ${missed.join(" and ")})` : ` (meets ${dynamic_mm} mm and ${static_mm} mm)`;
     };
-    const rest = places.includes("carriage") ? ` while moving, ${number(1e6 * cart_error.static_m)} µm at rest` : "";
-    $("error").textContent = `At the motor ${number(1e3 * error.dynamic_m)} mm while moving, ${number(1e6 * error.static_m)} µm at rest${judged("motor", error)}; ` +
+    const rest = places.includes("carriage") ? ` while moving, ${number(1e3 * cart_error.static_m)} mm at rest` : "";
+    $("error").textContent = `At the motor ${number(1e3 * error.dynamic_m)} mm while moving, ${number(1e3 * error.static_m)} mm at rest${judged("motor", error)}; ` +
       `at the carriage ${number(1e3 * cart_error.dynamic_m)} mm${rest}${judged("carriage", cart_error)}.` + (found.new.saturated.length ? ` It reaches ${found.new.saturated.join(" and ")}.` : "");
     const now = found.new, was = found.present;
     scales.tracking = range("tracking", [...now.motor_mm, ...now.cart_mm, ...was.motor_mm, ...was.cart_mm]);

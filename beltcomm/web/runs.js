@@ -49,7 +49,7 @@ export function runs(ask) {
       laid.push(one);
     };
     draw("Frequency response at standstill, measured", "responses", "response", { key: "freq_hz", label: "frequency, Hz", log: true }, { key: "db", label: "dB re 1 rad/(N m)" }, true);
-    draw("Error of the last move, at the motor", "move-errors", "move", { key: "t_s", label: "time in the move, s" }, { key: "error_um", label: "reference − position, µm" }, false);
+    draw("Error of the last move, at the motor", "move-errors", "move", { key: "t_s", label: "time in the move, s" }, { key: "error_mm", label: "reference − position, mm" }, false);
     const without = told.runs.filter((one) => !one.move).map((one) => one.name);
     $("overlay-words").textContent = (told.runs.length ? "" : "Tick runs in the table.") + (laid.length && without.length ? ` No move was driven in ${without.join(", ")}.` : "") + (told.runs.length && !laid.length ? " These runs hold neither a response at standstill nor a move." : "");
   }

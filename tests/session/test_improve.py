@@ -28,12 +28,12 @@ def verified(motor_m: float, carriage_m: float, *, carriage_measured: bool = Fal
 def test_a_carriage_that_nobody_measured_is_predicted_by_the_model_that_knows() -> None:
     """The model before, which lacks the effect, predicted 48 µm; that is no error that the axis had."""
     found = _errors(verified(4.25e-4, 4.8e-5), verified(4.8e-5, 4.7e-5), COST)
-    assert {place: (round(one["before_um"]), round(one["after_um"]), one["how"]) for place, one in found.items()} == {
+    assert {place: (round(1e6 * one["before_m"]), round(1e6 * one["after_m"]), one["how"]) for place, one in found.items()} == {
         "motor": (425, 48, "measured"),
         "carriage": (700, 50, "predicted"),
     }
     measured = _errors(verified(4e-4, 3e-4, carriage_measured=True), verified(5e-5, 6e-5, carriage_measured=True), COST)
-    assert [round(one["before_um"]) for one in measured.values()] == [400, 300]
+    assert [round(1e6 * one["before_m"]) for one in measured.values()] == [400, 300]
 
 
 def test_the_error_before_is_that_of_the_model_it_stands_on() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import html
 import json
 import re
 import shutil
@@ -19,6 +20,7 @@ from beltcomm.errors import DataError, UsageError
 from beltcomm.laboratory import diagnosis
 from beltcomm.laboratory.diagnosis import fit_base_of
 from beltcomm.pages import at_the_end
+from beltcomm.quantities import mm
 from beltcomm.rundata.fitted_run import records_of
 from beltcomm.rundata.headline import headline_of
 from beltcomm.rundata.kept_fit import FILE, fit_base
@@ -114,8 +116,15 @@ def test_the_first_screen_has_the_numbers_of_the_run(page: str, complete: Comple
     assert numbers["verdict"] == headline.text
     assert numbers["headline"] == complete.result.to_json()["headline"]
     assert numbers["verdict"] in page
+    told = [line.strip() for line in (complete.path / "verdict.txt").read_text(encoding="utf-8").splitlines() if line.startswith("   ! ")]
+    assert told
+    assert [f"! {line}" for line in numbers["warnings"]] == told, "below the headline as on the terminal"
+    head = page.split('<div class="facts">')[0]
+    assert [html.unescape(line) for line in re.findall(r"<li>(! .*)</li>", head)] == told
     tracking, model, margin = numbers["facts"]
-    assert tracking["value"] == f"{1e6 * verdict['measured']['dynamic_m']:.0f} µm"
+    assert tracking["value"] == mm(verdict["measured"]["dynamic_m"])
+    assert f"is within {tracking['value']} (motor)" in numbers["verdict"], "one number has one unit"
+    assert "µm" not in page
     assert model["value"] == f"{numbers['ratio']['overall']:.2f} × noise"
     assert f"above the noise ({numbers['ratio']['overall']:.2f} x)" in "\n".join(complete.result.lines()), "one number, on the screen too"
     assert 40.0 < float(margin["value"].rstrip("°")) < 60.0

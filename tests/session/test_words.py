@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
+import pytest
+
+from beltcomm.quantities import in_mm, mm
 from beltcomm.sentences.words import verdict_lines
 from beltcomm.verify import TrackingError, Verdict
 
@@ -12,7 +16,20 @@ def test_what_nobody_measured_has_no_unit() -> None:
     motor, cart = TrackingError(0.13e-3, 25e-6), TrackingError(0.55e-3, 13e-6)
     verdict = Verdict(True, motor, motor, None, cart, ())
     _, at_motor, at_carriage = verdict_lines(verdict, None)
-    assert at_motor.split("at the motor")[1].strip() == "following error 0.13 mm (predicted 0.13 mm), settled 25 µm (predicted 25 µm)"
-    assert at_carriage.split("at the carriage")[1].strip() == "following error 0.55 mm, settled 13 µm (predicted; nothing measures there)"
+    assert at_motor.split("at the motor")[1].strip() == "following error 0.13 mm (predicted 0.13 mm), settled 0.025 mm (predicted 0.025 mm)"
+    assert (
+        at_carriage.split("at the carriage")[1].strip() == "following error 0.55 mm, settled 0.013 mm (predicted; nothing measures there)"
+    )
     (*_, seen) = verdict_lines(replace(verdict, measured_cart=cart), None)
-    assert seen.split("at the carriage")[1].strip() == "following error 0.55 mm (predicted 0.55 mm), settled 13 µm (predicted 13 µm)"
+    assert seen.split("at the carriage")[1].strip() == "following error 0.55 mm (predicted 0.55 mm), settled 0.013 mm (predicted 0.013 mm)"
+
+
+@pytest.mark.parametrize("value", [0.0, 3.1e-8, 4.996e-7, 1.19e-6, 2.74e-5, 9.996e-5, 1.1e-4, 5e-4, 1.25e-3, 0.0213, 4.2])
+def test_an_error_is_in_mm_with_three_digits_and_no_power_of_ten(value: float) -> None:
+    told = in_mm(value)
+    assert re.fullmatch(r"\d+(\.\d*[1-9])?", told)
+    assert abs(float(told) - 1e3 * value) <= max(5e-3 * 1e3 * value, 5e-6)
+
+
+def test_no_error_is_a_dash() -> None:
+    assert mm(float("nan")) == "-"
