@@ -50,7 +50,7 @@ def test_text_names_time_data_and_command_of_every_revision_within_80_columns() 
         assert f"    {rung.command}\n" in f"{text}\n"
     assert BASE.data_hash != ADDED.data_hash
     assert BASE.data_hash == replace(ADDED, data=dict(reversed(BASE.data.items()))).data_hash
-    assert "411 (400 to 420) → 205 (200 to 210)" in text
+    assert "0.411 (0.4 to 0.42) → 0.205 (0.2 to 0.21)" in text
     assert "carriage, static  98 → 33" in text
     assert re.search(r" 1\.05 +2\.54 / 12\.6 ", text)
     assert max(map(len, lines)) <= 80
@@ -93,7 +93,7 @@ def test_a_new_rung_takes_no_other_model_s_name(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("cost", "row"),
-    [(RANGED, ("motor, dynamic", "411", "400 to 420", "205", "200 to 210")), (COST, ("motor, dynamic", "411", "205"))],
+    [(RANGED, ("motor, dynamic", "0.411", "0.4 to 0.42", "0.205", "0.2 to 0.21")), (COST, ("motor, dynamic", "0.411", "0.205"))],
 )
 def test_report_shows_errors_without_and_with(cost: Cost, row: tuple[str, ...]) -> None:
     unknown = replace(ADDED, name="revision_3", change="+cogging", cost=None)
