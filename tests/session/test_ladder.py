@@ -51,7 +51,7 @@ def test_text_names_time_data_and_command_of_every_revision_within_80_columns() 
     assert BASE.data_hash != ADDED.data_hash
     assert BASE.data_hash == replace(ADDED, data=dict(reversed(BASE.data.items()))).data_hash
     assert "0.411 (0.4 to 0.42) → 0.205 (0.2 to 0.21)" in text
-    assert "carriage, static  98 → 33" in text
+    assert "carriage, static  0.098 → 0.033" in text
     assert re.search(r" 1\.05 +2\.54 / 12\.6 ", text)
     assert max(map(len, lines)) <= 80
 
