@@ -18,6 +18,7 @@ from beltcomm.configfiles import to_yaml, write_text
 from beltcomm.effects import effect_named
 from beltcomm.errors import Refused
 from beltcomm.given import pasted
+from beltcomm.language import told, tr
 from beltcomm.model import Model, load_plant
 from beltcomm.result import with_unit
 from beltcomm.simulate.plant import SimulatedPlant
@@ -99,35 +100,35 @@ def demo(run: Path, *, seed: int, talk: Talk | None = None) -> Iterator[DemoStep
     api.identify(drive, AXIS, run, options=_options(model, seed), talk=talk)
     yield DemoStep(
         f"beltcomm identify --drive {pasted(drive)} --run {pasted(run)}",
-        "Measure: the axis jogs a few mm in each direction, then is excited in place.",
-        ["A first model: masses, stiffness of the belt, friction."],
+        tr("Measure: the axis jogs a few mm in each direction, then is excited in place."),
+        [tr("A first model: masses, stiffness of the belt, friction.")],
     )
     swept = api.friction(drive, run, options=_options(model, seed), talk=talk)
     yield DemoStep(
         f"beltcomm friction --drive {pasted(drive)} --run {pasted(run)}",
-        "Measure where it travels: strokes over the whole axis, both ways, slow to fast.",
+        tr("Measure where it travels: strokes over the whole axis, both ways, slow to fast."),
         swept.details[1:4],
     )
     api.friction(drive, run, options=_options(model, seed), talk=talk)
     yield DemoStep(
         f"beltcomm friction --drive {pasted(drive)} --run {pasted(run)}",
-        "Once more, as a witness: this record is held out, nothing is fitted to it.",
-        ["A second sweep, which can contradict what is found in the others."],
+        tr("Once more, as a witness: this record is held out, nothing is fitted to it."),
+        [tr("A second sweep, which can contradict what is found in the others.")],
     )
     compared = api.compare(run, pictures=False, talk=talk)
     error = compared.to_json()
     worst = [f"  {place['text']}" for place in error["worst"][:3]]
     yield DemoStep(
         f"beltcomm compare {pasted(run)}",
-        "Is the model right? 1.00 would mean that nothing is missing.",
-        [f"The error is {error['ratio']['overall']:.2f} times the noise. Where:", *worst],
+        tr("Is the model right? 1.00 would mean that nothing is missing."),
+        [tr("The error is {ratio:.2f} times the noise. Where:", ratio=error["ratio"]["overall"]), *worst],
         {"ratio": error["ratio"]},
     )
     diagnosed = api.diagnose(run, cost=False, talk=talk)
     found = diagnosed.to_json()
     yield DemoStep(
         f"beltcomm diagnose {pasted(run)}",
-        "What is missing?",
+        tr("What is missing?"),
         diagnosed.text,
         {"verdict": found["verdict"], "ranking": found["ranking"][:3]},
     )
@@ -137,17 +138,17 @@ def demo(run: Path, *, seed: int, talk: Talk | None = None) -> Iterator[DemoStep
     for effect in added:
         data = api.add(effect, run, cost=False, talk=talk).to_json()
         before, now = data["before"], data["after"]
-        ratios = f"error over noise {before['ratio']:.2f} -> {now['ratio']:.2f}"
-        witness = f"of the record held out {before['held_out']:.2f} -> {now['held_out']:.2f}"
+        errors = {"old": before["ratio"], "new": now["ratio"], "was": before["held_out"], "now": now["held_out"]}
+        said = tr("error over noise {old:.2f} -> {new:.2f}, of the record held out {was:.2f} -> {now:.2f}", **errors)
         yield DemoStep(
             f"beltcomm add {effect} {pasted(run)}",
-            "Put it into the model and fit everything again.",
-            [f"{ratios}, {witness}", *_pictures(data["pictures"], run)],
+            tr("Put it into the model and fit everything again."),
+            [said, *_pictures(data["pictures"], run)],
             {"before": before, "after": now, "pictures": data["pictures"]},
         )
     ladder = api.ladder(run)
-    yield DemoStep(f"beltcomm ladder {pasted(run)}", "All of it as a staircase down to the noise.", ladder.text)
-    yield DemoStep("", "What was hidden", answer(name, model, added), {"hidden": name, "named": list(added), "right": name in added})
+    yield DemoStep(f"beltcomm ladder {pasted(run)}", tr("All of it as a staircase down to the noise."), ladder.text)
+    yield DemoStep("", tr("What was hidden"), answer(name, model, added), {"hidden": name, "named": list(added), "right": name in added})
 
 
 def plant_of(run: Path, model: Model) -> Path:
@@ -170,16 +171,18 @@ def _options(model: Model, seed: int) -> api.Options:
 
 def _pictures(made: Sequence[str], run: Path) -> list[str]:
     """Pictures of before and after."""
-    return [f"Before and after, as a picture: {run / name}" for name in made]
+    return [tr("Before and after, as a picture: {file}", file=run / name) for name in made]
 
 
 def answer(name: str, model: Model, added: Sequence[str]) -> list[str]:
     """Fault that was built into the axis, and whether it was found."""
     effect = effect_named(name)
     amounts = (with_unit(f"{key.partition('.')[2]} {model[key]:.3g}", model.parameters[key].unit) for key in effect.full_names())
-    right = "found" if name in added else f"not found: {', '.join(added)} was named"
+    right = tr("found") if name in added else tr("not found: {names} was named", names=", ".join(added))
     return [
-        f"Hidden was {name} ({effect.title}): {', '.join(amounts)}; {right}.",
-        f"What a technician sees: {effect.seen}.",
-        f"What to check on the machine: {effect.check}.",
+        tr(
+            "Hidden was {name} ({title}): {amounts}; {right}.", name=name, title=told(effect.title), amounts=", ".join(amounts), right=right
+        ),
+        tr("What a technician sees: {seen}.", seen=told(effect.seen)),
+        tr("What to check on the machine: {check}.", check=told(effect.check)),
     ]

@@ -107,7 +107,7 @@ def bar(share: float, width: int = 16) -> str:
 
 def command_lines(command: str, why: str = "") -> list[Line]:
     """Next command, alone on its line, so that it can be copied."""
-    return [Line("  ", (tr("Next"), "title"), f"  {why}" if why else ""), Line("    ", (command, "command"))]
+    return [Line("  ", (tr("Next"), "title"), f"  {tr(why)}" if why else ""), Line("    ", (command, "command"))]
 
 
 class Described:
@@ -157,7 +157,8 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[str]], indent: str = "
         Titles; one that begins with ``>`` has its cells at the right.
     """
     right = [title.startswith(">") for title in columns]
-    filled = [[told(title.removeprefix(">")) for title in columns], *([*row, *[""] * (len(columns) - len(row))] for row in rows)]
+    titles = (title.removeprefix(">") for title in columns)
+    filled = [[told(tr(title)) for title in titles], *([*row, *[""] * (len(columns) - len(row))] for row in rows)]
     widths = [max(map(len, cells)) for cells in zip(*filled, strict=True)]
     padded = [[c.rjust(w) if r else c.ljust(w) for c, w, r in zip(row, widths, right, strict=True)] for row in filled]
     return [

@@ -72,7 +72,7 @@ def test_every_finding_of_the_catalogue_keeps_what_fills_it(spoken: str) -> None
 
 def test_the_catalogue_of_effects_is_translated(spoken: str) -> None:
     """What a screen says of an effect that was found."""
-    shown = {text for effect in EFFECTS for text in (effect.title, effect.causes, effect.check) if text}
+    shown = {text for effect in EFFECTS for text in (effect.title, effect.seen, effect.causes, effect.check, effect.remedy) if text}
     assert sorted(text for text in shown if language.told(text) == text) == []
 
 

@@ -23,11 +23,12 @@ def command(frame: Invocation, /, seed: int | None, run: Path | None) -> int:
     Example: beltcomm demo
     """
     from beltcomm.demo import demo
+    from beltcomm.language import tr
     from beltcomm.result import Line, command_lines
 
     chosen = time.time_ns() % 1000 if seed is None else seed
     frame.run = run_folder(run, f"demo-{chosen}")
-    click.echo(f"A virtual axis with a fault that is drawn by --seed {chosen} and told at the end.", err=True)
+    click.echo(tr("A virtual axis with a fault that is drawn by --seed {seed} and told at the end.", seed=chosen), err=True)
     steps: list[dict[str, Any]] = []
     for step in demo(frame.run, seed=chosen, talk=frame.talk()):
         steps.append({"command": step.command, "why": step.why, **step.data})
@@ -36,7 +37,7 @@ def command(frame: Invocation, /, seed: int | None, run: Path | None) -> int:
     page = api().report(frame.run, talk=frame.talk()).to_json().get("page")
     data = {"run": str(frame.run), "seed": chosen, "steps": steps, "page": page}
     right = bool(steps[-1].get("right"))
-    found = Line("  ", ("FOUND" if right else "NOT FOUND", "good" if right else "note"), f"   {steps[-1].get('hidden')}")
-    follow = command_lines("beltcomm commission --drive virtual", "the whole job on a virtual axis")
-    frame.print(data, ["", found, f"Report: {page}", *follow])
+    found = Line("  ", (tr("FOUND") if right else tr("NOT FOUND"), "good" if right else "note"), f"   {steps[-1].get('hidden')}")
+    follow = command_lines("beltcomm commission --drive virtual", tr("the whole job on a virtual axis"))
+    frame.print(data, ["", found, tr("Report: {page}", page=page), *follow])
     return 0

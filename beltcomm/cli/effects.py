@@ -19,6 +19,7 @@ def command(frame: Invocation, /, name: str | None) -> int:
     Example: beltcomm effects cogging
     """
     from beltcomm.effects import EFFECTS, effect_named
+    from beltcomm.language import told
 
     chosen = EFFECTS if name is None else (effect_named(name),)
     data = {
@@ -50,13 +51,13 @@ def command(frame: Invocation, /, name: str | None) -> int:
     if name is None:
         from beltcomm.result import table
 
-        frame.print(data, table(["effect", "what it is"], [(effect.name, effect.title) for effect in chosen]))
+        frame.print(data, table(["effect", "what it is"], [(effect.name, told(effect.title)) for effect in chosen]))
         return 0
     effect = chosen[0]
     frame.print(
         data,
         [
-            f"{effect.name}: {effect.title}",
+            f"{effect.name}: {told(effect.title)}",
             f"What you see: {effect.seen}",
             f"Usual causes: {effect.causes}",
             f"What to check: {effect.check}",

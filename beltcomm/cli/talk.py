@@ -208,7 +208,10 @@ def _choose(question: str, choices: Mapping[str, str], stream: TextIO) -> str:
         for key, meaning in choices.items():
             if word == key or meaning.lower().startswith(word) or (key == first and word in YES) or (key == last and word in NO):
                 return key
-        echo(["  " + tr("{word} is none of {keys}", word=repr(word), keys=", ".join(choices))], stream)
+        echo(
+            ["  " + tr("{word} is none of {keys}", word=repr(word), keys=", ".join(tr("y") if key == "y" else key for key in choices))],
+            stream,
+        )
 
 
 def _ask(text: str, stream: TextIO) -> bool:

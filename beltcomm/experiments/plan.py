@@ -30,7 +30,7 @@ from beltcomm.experiments.bounds import (
 )
 from beltcomm.experiments.plan_words import Point, commission_points, host_loss, identify_points, point_rows
 from beltcomm.experiments.sign import sign_seconds, sign_words
-from beltcomm.language import tr
+from beltcomm.language import told, tr
 from beltcomm.machine import creep, gravity
 from beltcomm.machine.heat import HeatPlan, Thermal, heat_plan, path_rms_nm
 from beltcomm.model import Model
@@ -181,7 +181,7 @@ class Plan:
         columns = ["experiment", ">travel", ">incl. stop", ">speed", ">torque", ">belt", ">time", *([">heat"] if thermal else [])]
         rows = [
             [
-                e.title,
+                told(e.title),
                 f"{1e3 * e.travel_m:.0f} mm",
                 f"{1e3 * e.reach_m:.0f} mm",
                 f"{e.speed_m_s:.2f} m/s",
@@ -194,8 +194,8 @@ class Plan:
         ]
         whole = sum(round(item.seconds) for item in self.experiments)  # what the column adds up to
         if whole > self.budget_s:
-            rows.append(["all of them, if each took its longest", "", "", "", "", "", f"{whole} s"])
-        rows.append(["on the machine, at most", "", "", "", "", "", f"{self.seconds:.0f} s"])
+            rows.append([told("all of them, if each took its longest"), "", "", "", "", "", f"{whole} s"])
+        rows.append([told("on the machine, at most"), "", "", "", "", "", f"{self.seconds:.0f} s"])
         return [self.text, *self.table(), "", *table(columns, rows), *self.heat_lines(), *self.notes]
 
     def table(self) -> list[Row]:
@@ -285,14 +285,17 @@ def with_homing(plan: Plan, axis: Axis, capabilities: Capabilities) -> Plan:
     return replace(plan, text=text + plan.text, bare=False, experiments=(first, *plan.experiments), budget_s=plan.budget_s + HOMING_SECONDS)
 
 
+#: What a sweep does.
+SWEPT = "travel its whole length in closed loop at seven speeds, both ways, with a loop designed from the run's model"
+
+
 def friction_plan(axis: Axis, capabilities: Capabilities) -> Plan:
     """The sweep alone."""
     kinds = capabilities.kinds
     seconds = SWEEP_SECONDS + MOVE_SECONDS + sign_seconds(axis, kinds) + own_strokes.longest_sweep_s(axis, capabilities)
     return Plan(
-        f"The carriage of {axis.name or 'the axis'} will {sign_words(axis, kinds)}travel its whole length in closed loop at seven speeds, "
-        "both ways, with a loop designed from the run's model."
-        f"{own_strokes.unguarded_words(capabilities)}",
+        tr("The carriage of {name} will {what}.", name=axis.name or tr("the axis"), what=f"{sign_words(axis, kinds)}{tr(SWEPT)}")
+        + f"{own_strokes.unguarded_words(capabilities)}",
         (_sweep(axis, capabilities, seconds),),
         verb="friction",
     )
@@ -352,7 +355,7 @@ def verification_plan(
     travel = float(np.ptp(path.position_m))
     lowest, highest = braking.span_m(path.position_m, path.velocity_m_s, path.sample_period_s)
     seconds = times * (path.duration_s + REST_SECONDS + MOVE_SECONDS) + sign_seconds(axis)
-    what = tr(sign_words(axis)) + tr(
+    what = sign_words(axis) + tr(
         "go to {start:.3f} m and from there to {end:.3f} m in {s:.2f} s with the new gains{times}; a stop at its top speed takes "
         "{way:.0f} mm with {brake:.3g} m/s²",
         start=path.position_m[0],

@@ -8,6 +8,7 @@ from textwrap import wrap
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
 from beltcomm.experiments import holding, phases
+from beltcomm.language import told
 from beltcomm.machine import creep, gravity
 from beltcomm.machine.host_loss import guard_times_s
 from beltcomm.machine.machine import UNKNOWN_BRAKE_S
@@ -22,6 +23,7 @@ LINE = 104
 
 def point_rows(points: Sequence[Point]) -> list[Row]:
     """The lines, labels in a column of their own; long ones are broken."""
+    points = [(told(label), told(sentence)) for label, sentence in points]
     wide = max(len(label) for label, _ in points)
     rows = [Row("", ("", ""), (False, False), True)]
     for label, sentence in points:

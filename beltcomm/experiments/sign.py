@@ -7,6 +7,7 @@ from collections.abc import Collection
 
 from beltcomm.axis import Axis
 from beltcomm.experiments.phases import SIGN_REACH_M, SIGN_TRAVEL_M, envelope_around, feel_units, room_to_creep
+from beltcomm.language import tr
 from beltcomm.machine import host_loss
 from beltcomm.machine.creep import RAMP_S, creep
 from beltcomm.machine.machine import Machine
@@ -27,7 +28,7 @@ def is_crept(axis: Axis, kinds: Collection[str] = ("torque",)) -> bool:
 
 def sign_words(axis: Axis, kinds: Collection[str] = ("torque",)) -> str:
     """Of :func:`check_sign`, for a plan: what comes before what the carriage does then."""
-    return _WORDS if is_crept(axis, kinds) else ""
+    return tr(_WORDS) if is_crept(axis, kinds) else ""
 
 
 def sign_seconds(axis: Axis, kinds: Collection[str] = ("torque",)) -> float:

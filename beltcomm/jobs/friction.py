@@ -109,9 +109,10 @@ def plan_of(axis: Axis, capabilities: Capabilities, model: Model, asked: Wanted)
     if any(order != DEFAULT for order, _ in asked.sweeps):
         strokes, left_out = orders.strokes_for(orders.speeds_of("I", 1), room, course.gentle, axis)
         notes += friction.stroke_lines(strokes, left_out)
+    swept = tr("travel in closed loop at constant speeds, both ways, with a loop designed from the run's model")
     return Plan(
-        f"The carriage of {axis.name or 'the axis'} will {sign_words(axis, capabilities.kinds)}travel in closed loop at constant speeds, "
-        "both ways, with a loop designed from the run's model. What was recorded when it is stopped is kept.",
+        tr("The carriage of {name} will {what}.", name=axis.name or tr("the axis"), what=sign_words(axis, capabilities.kinds) + swept)
+        + tr(" What was recorded when it is stopped is kept."),
         tuple(lines),
         verb="friction",
         notes=tuple(notes),

@@ -12,6 +12,7 @@ from beltcomm.experiments import own_strokes
 from beltcomm.experiments.agreement import agree, plan_result
 from beltcomm.experiments.options import Options
 from beltcomm.experiments.plan import Plan, move_plan
+from beltcomm.language import tr
 from beltcomm.machine import gravity, scale
 from beltcomm.machine.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, MARGIN_M, NEAR_M, RAMP_S, move_limits, small_move
 from beltcomm.machine.machine import stroking
@@ -48,7 +49,7 @@ def plan_of(axis: Axis, capabilities: Capabilities, by_m: float) -> Plan:
     """Plan of the move, before anything happens."""
     torque = axis.torque_limit_nm if by_drive(capabilities) else BREAKAWAY_SHARE * axis.torque_limit_nm
     speed, seconds = CREEP_SPEED_M_S, RAMP_S * (1.0 + abs(by_m) / 3e-3)
-    what = f"creep {1e3 * by_m:+.1f} mm under slowly rising torque, in several goes"
+    what = tr("creep {way:+.1f} mm under slowly rising torque, in several goes", way=1e3 * by_m)
     if by_drive(capabilities):
         speed, seconds = (
             STROKE.speed_m_s,

@@ -11,6 +11,7 @@ import numpy as np
 
 from beltcomm.axis.terms import pictures_in
 from beltcomm.errors import UsageError
+from beltcomm.language import tr
 from beltcomm.pages import axis, changes, diagnosed, loops, model, safety, tracking
 from beltcomm.pages.gather import Gathered, gathered
 from beltcomm.pages.page_file import admit_page, write_page
@@ -74,7 +75,7 @@ def report(run: Path, *, against: Path | None = None, out: Path | None = None, t
     where = out or run / NAME
     beside = where.with_suffix(".json")
     # a page may be sent to anybody: it names no folder of the machine that it was made on
-    data, written = numbers_of(found, page, before), [f"Report: {where}, numbers in {beside.name}"]
+    data, written = numbers_of(found, page, before), [tr("Report: {page}, numbers in {file}", page=where, file=beside.name)]
     try:
         write_page(where, render(page).replace(f"{run.resolve()}/", ""), data)
     except UsageError as problem:
@@ -169,30 +170,36 @@ def facts(run: Gathered) -> list[Fact]:
 def _tracking(run: Gathered) -> Fact:
     moves = run.verifications
     if not moves:
-        return Fact("Following error", "not measured", "beltcomm verify drives a move and measures it", "note")
+        return Fact(tr("Following error"), tr("not measured"), tr("beltcomm verify drives a move and measures it"), "note")
     last: Mapping[str, Any] = list(moves.values())[-1]
     measured, predicted = last["measured"], last["predicted"]
-    words = f"largest while moving; predicted {mm(predicted['dynamic_m'])}; at rest {mm(measured['static_m'])}"
-    return Fact("Following error, motor", mm(measured["dynamic_m"]), words, "good" if last["passed"] else "bad")
+    guess, rest = mm(predicted["dynamic_m"]), mm(measured["static_m"])
+    words = tr("largest while moving; predicted {guess}; at rest {rest}", guess=guess, rest=rest)
+    return Fact(tr("Following error, motor"), mm(measured["dynamic_m"]), words, "good" if last["passed"] else "bad")
 
 
 def _model(run: Gathered) -> Fact:
     found = run.comparison
     if found is None:
-        return Fact("Model error", "not compared", run.remarks[0] if run.remarks else "beltcomm compare says why", "note")
+        return Fact(tr("Model error"), tr("not compared"), run.remarks[0] if run.remarks else "beltcomm compare says why", "note")
     _, said, style = screens.model_state(max(found.ratio, found.held_out or 0.0))
     words = error_words((found.ratio, found.held_out), (found.plain, found.plain_held_out)).partition(", ")[2]
-    return Fact("Model error", f"{found.ratio:.2f} × noise", f"{said.partition(' (')[0]}; {words}", "good" if style == "good" else "bad")
+    return Fact(
+        tr("Model error"),
+        tr("{ratio:.2f} × noise", ratio=found.ratio),
+        f"{said.partition(' (')[0]}; {words}",
+        "good" if style == "good" else "bad",
+    )
 
 
 def _margin(run: Gathered) -> Fact:
     margins = run.design.get("margins") or []
     if not margins:
-        return Fact("Phase margin", "no design", "beltcomm design makes one of the model", "note")
+        return Fact(tr("Phase margin"), tr("no design"), tr("beltcomm design makes one of the model"), "note")
     least = min(m["phase_margin_deg"] for m in margins)
     asked = run.design["specification"]["phase_margin_deg"]
-    words = f"velocity loop, smallest of {len(margins)} variants of the model; {asked:.0f}° were asked for"
-    return Fact("Phase margin", f"{least:.0f}°", words, "good" if least >= asked - 0.5 else "note")
+    words = tr("velocity loop, smallest of {count} variants of the model; {asked:.0f}° were asked for", count=len(margins), asked=asked)
+    return Fact(tr("Phase margin"), f"{least:.0f}°", words, "good" if least >= asked - 0.5 else "note")
 
 
 def next_steps(run: Gathered, called: str = "") -> list[str]:

@@ -75,7 +75,7 @@ class Headline:
     @property
     def text(self) -> str:
         """Word and sentence, for a file or a page."""
-        return f"{self.word}   {self.sentence}"
+        return f"{tr(self.word)}   {self.sentence}"
 
     @property
     def good(self) -> bool:

@@ -101,7 +101,9 @@ def diagnosis_screen(
         lines.append(f"   and {', '.join(named[EFFECTS:])}: --details")
     if cost:
         rows = [f"{what} {old} → {new} mm" for what, old, _, new, _ in cost_rows(cost) if what.endswith("dynamic")]
-        lines += _block("tracking", "; ".join(rows).replace(", dynamic", "") + ", following error without and with it in the controller")
+        lines += _block(
+            told("tracking"), told("; ".join(rows).replace(", dynamic", "") + ", following error without and with it in the controller")
+        )
     return [*lines, *(Line("   ", (f"! {text}", "note")) for text in caveats), *warning_lines(notes)]
 
 

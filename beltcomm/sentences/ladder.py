@@ -18,7 +18,7 @@ from beltcomm.laboratory.figures import PlainError
 from beltcomm.laboratory.forward_selection import MISSING, Candidate
 from beltcomm.laboratory.plausibility import KNOWN, implausible_effects, undetermined_effects
 from beltcomm.laboratory.visible import DetectionLimit
-from beltcomm.language import tr
+from beltcomm.language import told, tr
 from beltcomm.model import Model, effect_parameters
 from beltcomm.result import Row, table, with_unit
 from beltcomm.rundata.cost import cost_rows
@@ -322,11 +322,15 @@ def staircase(rungs: Sequence[Revision]) -> list[Row]:
             "" if rung.held_out is None else f"{rung.held_out:.2f}",
             " / ".join(f"{one.percent:.3g}" for one in (rung.plain, rung.plain_held_out) if one is not None),
             "█" * max(1, round(BAR * rung.ratio / highest)),
-            "not confirmed" if rung.confirmed is False else "nothing held out" if rung.confirmed is None and rung.change[0] == "+" else "",
+            told("not confirmed")
+            if rung.confirmed is False
+            else told("nothing held out")
+            if rung.confirmed is None and rung.change[0] == "+"
+            else "",
         ]
         for rung in rungs
     ]
-    rows.append(["noise", "", "1.00", "", "", "█" * max(1, round(BAR / highest)), ""])
+    rows.append([tr("noise"), "", "1.00", "", "", "█" * max(1, round(BAR / highest)), ""])
     return table(["revision", "change", ">error", ">held out", ">% of torque", "", ""], rows)
 
 
