@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import click
 
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Invocation, api, axis_for, run_folder
+from beltcomm.language import tr
 
 
 @click.command("commission")
@@ -36,6 +38,8 @@ def command(
 
     Example: beltcomm commission --drive virtual --yes
     """
+    if sys.stderr.isatty():  # on a machine with other work it would be silent for 20 s
+        click.echo(tr("Planning on {drive}: speeds, forces, heat, and what records could show ...", drive=drive), err=True)
     from beltcomm.axis.targets import with_targets
 
     known = with_targets(axis_for(axis, drive, run, resume), targets)

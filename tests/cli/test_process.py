@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import gc
+import os
+import pty
+import subprocess
 import sys
 
 import pytest
@@ -25,3 +28,14 @@ def test_a_process_that_ends_does_not_look_through_what_it_leaves(monkeypatch: p
         gc.enable()
     assert seen == [collecting, "frozen"]
     assert ended.value.code == 3
+
+
+def test_a_terminal_reads_at_once_that_a_plan_is_computed() -> None:
+    """What can be wrong is found after that: an axis that is not there."""
+    mine, theirs = pty.openpty()
+    words = [sys.executable, "-m", "beltcomm", "commission", "--drive", "virtual", "--axis", "no_such.yaml"]
+    done = subprocess.run(words, stderr=theirs, stdout=subprocess.PIPE, env={**os.environ, "BELTCOMM_LANG": "en"}, check=False)
+    said = os.read(mine, 4096).decode()
+    assert done.returncode == 2
+    assert said.startswith("Planning on virtual: ")
+    assert "no_such.yaml" in said
