@@ -75,20 +75,20 @@ def report(run: Path, *, against: Path | None = None, out: Path | None = None, t
     where = out or run / NAME
     beside = where.with_suffix(".json")
     # a page may be sent to anybody: it names no folder of the machine that it was made on
-    data, written = numbers_of(found, page, before), [tr("Report: {page}, numbers in {file}", page=where, file=beside.name)]
+    data, problems = numbers_of(found, page, before), []
+    written = tr("Report: {page}, numbers in {file}", page=where, file=beside.name)
     try:
         write_page(where, render(page).replace(f"{run.resolve()}/", ""), data)
     except UsageError as problem:
         if out is not None:
             raise
-        written = [f"There is no page: {problem}: give another place by --out."]
+        problems = [written := f"There is no page: {problem}: give another place by --out."]
     facts = [f"  {fact.name}: {fact.value} ({fact.words})" for fact in page.facts]
     since = [f"Since {before.name}:", *(f"  {line}" for line in page.changes)] if before is not None else []
     steps = (step.partition(": ") for step in next_steps(found, str(run)))
     advice = [f"Next: {command}   ({why})" for command, _, why in steps]
-    there = written[0].startswith("Report")
-    text = [page.verdict, *screens.warning_lines(page.warnings), *advice, *facts, *since, *written]
-    return Result({**data, "page": str(where) if there else None}, text, 0 if there else UsageError.exit_code)
+    text = [page.verdict, *screens.warning_lines(page.warnings), *advice, *facts, *since, written]
+    return Result({**data, "page": None if problems else str(where)}, text, UsageError.exit_code if problems else 0)
 
 
 def page_of(found: Gathered, before: Gathered | None = None) -> Page:

@@ -100,10 +100,9 @@ def diagnosis_screen(
     if len(named) > EFFECTS:
         lines.append(f"   and {', '.join(named[EFFECTS:])}: --details")
     if cost:
-        rows = [f"{what} {old} → {new} mm" for what, old, _, new, _ in cost_rows(cost) if what.endswith("dynamic")]
-        lines += _block(
-            told("tracking"), told("; ".join(rows).replace(", dynamic", "") + ", following error without and with it in the controller")
-        )
+        moving = ((what.partition(",")[0], old, new) for what, old, _, new, _ in cost_rows(cost) if what.endswith("dynamic"))
+        rows = [f"{tr(place)} {old} → {new} mm" for place, old, new in moving]
+        lines += _block(told("tracking"), told("; ".join(rows) + ", following error without and with it in the controller"))
     return [*lines, *(Line("   ", (f"! {text}", "note")) for text in caveats), *warning_lines(notes)]
 
 

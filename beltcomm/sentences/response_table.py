@@ -12,6 +12,7 @@ import numpy as np
 
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.identify.landmarks import Landmark, Landmarks, find_landmarks
+from beltcomm.language import told, tr
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.response import FrequencyResponse
@@ -279,10 +280,10 @@ def table_lines(found: ResponseTable) -> list[str]:
     for row in found.rows:
         c, marks = row.condition, _marks(row)
         place = "?" if c.place_m is None else f"{c.place_m:.2f} m"
-        shown = [_shown(m) if (m := marks.get(n)) else "cannot tell" for n in ("antiresonance", "resonance")]
-        gain = "reference" if row.gain_interval_db == 0.0 else f"{row.gain_db:+.1f} ± {row.gain_interval_db:.1f} dB"
-        gain = "cannot tell" if math.isnan(row.gain_db) else gain
-        rows.append([c.record, place, f"±{c.amplitude_nm:.3f} N m", c.direction, *shown, gain, "held out" if c.held_out else ""])
+        shown = [_shown(m) if (m := marks.get(n)) else tr("cannot tell") for n in ("antiresonance", "resonance")]
+        gain = told("reference") if row.gain_interval_db == 0.0 else f"{row.gain_db:+.1f} ± {row.gain_interval_db:.1f} dB"
+        gain = tr("cannot tell") if math.isnan(row.gain_db) else gain
+        rows.append([c.record, place, f"±{c.amplitude_nm:.3f} N m", told(c.direction), *shown, gain, tr("held out") if c.held_out else ""])
     columns = ["response", ">place", ">amplitude", "travel", "antiresonance", "resonance", "rigid gain", ""]
     lines = ["", *table(columns, rows)]
     lines.append(

@@ -158,8 +158,11 @@ def gain_lines(cascade: Cascade) -> list[Line]:
         word
         for word, value in (
             (tr("inertia"), sent.inertia_kg_m2),
-            (tr("viscous"), sent.viscous_nm_s_rad),
-            (tr("Coulomb"), sent.coulomb_nm),
+            *(
+                [(tr("friction"), sent.coulomb_nm)]
+                if sent.viscous_nm_s_rad and sent.coulomb_nm
+                else [(tr("viscous"), sent.viscous_nm_s_rad), (tr("Coulomb"), sent.coulomb_nm)]
+            ),
             (tr("offset"), sent.offset_nm),
             (tr("velocity"), sent.velocity),
         )

@@ -29,10 +29,11 @@ def in_german(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 @pytest.mark.examination
-@pytest.mark.parametrize("verb", ["compare", "diagnose", "improve"])
+@pytest.mark.parametrize("verb", ["compare", "report", "diagnose", "improve"])
 def test_no_sentence_stays_english(in_german: None, copy_of_complete: Callable[..., Path], verb: str) -> None:
     run = str(copy_of_complete())
     result = CliRunner().invoke(cli, [verb, run, "--details"])
+    assert (Path(run) / "report.html").exists() == (verb == "report"), result.output
     assert result.exit_code in (0, 1), result.output
     assert english(result.output.replace(run, "RUN")) == []
 
