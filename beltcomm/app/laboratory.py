@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import math
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -79,6 +79,11 @@ class LaboratoryTab:
             "evidence": lambda asked: self._start("evidence", asked),
             "ladder": lambda _: self.ladder(),
         }
+
+    @property
+    def sheets(self) -> Sequence[Mapping[str, Any]]:
+        """Data-sheet values that the model contradicts, as soon as it was compared with its records."""
+        return () if self._view is None else self._view.sheets
 
     def state(self) -> dict[str, Any]:
         """Running work, and news since the page's last look; a run that was changed by others is read anew."""

@@ -15,6 +15,7 @@ from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.pages.gather import results_of
 from beltcomm.pages.quantities import quantities_of
 from beltcomm.rundata import analyse
+from beltcomm.rundata.headline import MEANINGS, headline_of
 from beltcomm.rundata.revisions import current_model, current_revision
 from beltcomm.runfolder import RunFolder
 
@@ -86,7 +87,6 @@ def _row(path: Path, own: bool) -> dict[str, Any]:
     folder = RunFolder.open(path)
     results, model = results_of(folder), current_model(folder)
     rung = current_revision(folder) if model is not None else None
-    moves = [result for name, result in results.items() if name.startswith("verify_")]
     fit = results.get("fit") or {}
     about = path / "run.yaml"
     began = folder.began_s
@@ -98,7 +98,7 @@ def _row(path: Path, own: bool) -> dict[str, Any]:
         "drive": _drive(folder.drive),
         "added": [name for name in model.effects if name not in base_effects(folder)] if model is not None else [],
         "ratio": rung.ratio if rung is not None else _ratio(fit.get("misfit")),
-        "passed": bool(moves[-1]["passed"]) if moves else None,
+        "result": _result(folder),
         "quantities": {
             key: {
                 "words": one.words,
@@ -109,6 +109,15 @@ def _row(path: Path, own: bool) -> dict[str, Any]:
             for key, one in quantities_of(model, results, folder.terms).items()
         },
     }
+
+
+def _result(folder: RunFolder) -> dict[str, str]:
+    """Word of the headline, and what it means."""
+    try:
+        found = headline_of(folder)
+    except BeltcommError:  # one damaged result hides no run
+        return {"word": "", "means": ""}
+    return {"word": found.word, "means": MEANINGS[found.state]}
 
 
 def _drive(known: Mapping[str, Any]) -> str:

@@ -16,9 +16,10 @@ from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.experiments.options import Options
 from beltcomm.given import Place, place
 from beltcomm.locks import is_occupied
-from beltcomm.result import Result
-from beltcomm.rundata.headline import MEANINGS, headline_of
+from beltcomm.result import Result, plain
+from beltcomm.rundata.headline import MEANINGS, headline_of, next_command
 from beltcomm.runfolder import RunFolder
+from beltcomm.sentences.screens import warnings
 from beltcomm.talk import Silence, Talk
 
 #: Runs beside the first one that are held ready.
@@ -66,9 +67,16 @@ class RunPage:
         folder = RunFolder.open(self.run)
         try:
             headline = headline_of(folder)
-            said = {"word": headline.word, "sentence": headline.sentence, "means": MEANINGS[headline.state]}
+            session, step = folder.load_result(headline.move or "fit") or {}, next_command(folder, headline)
+            said = {
+                "word": headline.word,
+                "sentence": headline.sentence,
+                "means": MEANINGS[headline.state],
+                "warnings": warnings(session, self.laboratory.sheets),
+                "next": {} if step.command.startswith("beltcomm open ") else plain(step),
+            }
         except BeltcommError as problem:  # one damaged result hides no record
-            said = {"word": "", "sentence": str(problem), "means": "bad"}
+            said = {"word": "", "sentence": str(problem), "means": "bad", "warnings": [], "next": {}}
         return {
             "run": str(self.run),
             "headline": said,

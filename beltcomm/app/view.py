@@ -48,6 +48,8 @@ class ResidualView:
         Effects that may be taken out again.
     traces, responses
         Of the records, measured and by the model.
+    sheets : Sequence[Mapping[str, Any]]
+        Data-sheet values that the model contradicts.
     """
 
     stamp: str
@@ -69,6 +71,7 @@ class ResidualView:
     spectrum: Array
     traces: Sequence[Trace]
     responses: Sequence[ResponsePair]
+    sheets: Sequence[Mapping[str, Any]]
 
 
 def view_of(here: Opened, stamp: str) -> ResidualView:
@@ -107,6 +110,7 @@ def view_of(here: Opened, stamp: str) -> ResidualView:
         power(rows, white, edges),
         [trace_of(judged, name, name in excited) for name in dict.fromkeys(one.piece.record for one in judged)],
         responses,
+        plain(list(here.sheets)),
     )
 
 

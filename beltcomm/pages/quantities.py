@@ -61,8 +61,8 @@ _MEANING = {
     "resonance": ("resonance higher", "resonance lower", "temperature and load of the belt"),
     "antiresonance": ("antiresonance higher", "antiresonance lower", "temperature and load of the belt"),
     "dead_time": ("torque comes later", "torque comes earlier", "another sample period of the records"),
-    "dynamic_error": ("tracking error up", "tracking error down", "friction, which changes with temperature"),
-    "static_error": ("error at rest up", "error at rest down", "the axis sticks somewhere within its friction"),
+    "dynamic_error": ("following error up", "following error down", "friction, which changes with temperature"),
+    "static_error": ("settled error up", "settled error down", "the axis sticks somewhere within its friction"),
 }
 #: Parts of a sum that is shown as a whole: which part moves is the fit's affair.
 _PARTS = ("viscous.damping", "viscous_cart.damping", "coulomb.level", "cart_friction.level", "transmission.ratio")
@@ -100,6 +100,6 @@ def quantities_of(model: Model | None, results: Mapping[str, Mapping[str, Any]],
     moves = [result for name, result in results.items() if name.startswith("verify_")]
     if moves:
         measured = moves[-1]["measured"]
-        add("dynamic_error", "tracking error of the motor while moving", "mm", 1e3, measured["dynamic_m"], None)
-        add("static_error", "tracking error of the motor at rest", "mm", 1e3, measured["static_m"], None)
+        add("dynamic_error", "following error, motor", "mm", 1e3, measured["dynamic_m"], None)
+        add("static_error", "settled error, motor", "mm", 1e3, measured["static_m"], None)
     return found

@@ -172,8 +172,8 @@ export function vertical(u, ctx, x, words, stroke, row = 0) {
   ctx.stroke();
   ctx.font = `${11 * devicePixelRatio}px ${colour("font")}`;
   ctx.textBaseline = "top";
-  ctx.textAlign = px + ctx.measureText(` ${words} `).width > u.bbox.left + u.bbox.width ? "right" : "left";
-  ctx.fillText(` ${words} `, px, u.bbox.top + (3 + 14 * row) * devicePixelRatio);
+  ctx.textAlign = "left"; // whole: cut in front, 12.4 reads 2.4
+  ctx.fillText(` ${words} `, Math.max(Math.min(px, u.bbox.left + u.bbox.width - ctx.measureText(` ${words} `).width), u.bbox.left), u.bbox.top + (3 + 14 * row) * devicePixelRatio);
 }
 
 // Charts of a view that is hidden are drawn when it is shown.

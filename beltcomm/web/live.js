@@ -86,7 +86,7 @@ export function live(ask) {
     }
     $("headline").dataset.live = "yes";
     $("headline").className = "told note";
-    $("headline").replaceChildren(element("b", {}, "IN PROGRESS"), ` ${found.phase.title}, ${found.phase.number} of ${found.phase.count}`);
+    $("headline").replaceChildren(element("b", {}, "IN PROGRESS"), ` ${found.phase.title}, ${found.phase.number} of ${found.phase.count}`); $("warnings").replaceChildren(); $("next").replaceChildren();
     $("headline").hidden = false;
     $("phase-words").textContent = `${found.phase.number}/${found.phase.count} ${found.phase.title}${record ? `: ${record.name}` : ""}`;
     $("phase-share").value = planned ? Math.min(elapsed / planned, 1) : 0;
@@ -108,7 +108,7 @@ export function live(ask) {
     words(found, record, running);
     $("journal").textContent = found.lines.join("\n");
     $("planned").hidden = !found.experiments.length;
-    $("steps").replaceChildren(...found.experiments.map((one) => element("li", {}, `${one.title}, ${number(one.seconds)} s`)));
+    $("steps").replaceChildren(...found.experiments.map((one) => element("li", {}, `${one.title}, ${Math.round(one.seconds)} s`)));
     $("made").replaceChildren(...found.done.map((name) => element("li", {}, name)), ...(record ? [element("li", { className: "now" }, `${record.name} …`)] : []));
     // Between two records the last one stays: what comes and goes every second is not read.
     for (const one of [plots.torque, plots.place]) one.figure.hidden = !running || (!record && !one.data);

@@ -62,6 +62,8 @@ async function judge() {
   $("headline").className = `told ${headline.means}`;
   $("headline").replaceChildren(element("b", {}, headline.word), ` ${headline.sentence}`);
   $("headline").hidden = false;
+  $("warnings").replaceChildren(...headline.warnings.map((words) => element("li", {}, `! ${words}`)));
+  $("next").replaceChildren(...(headline.next.command ? ["Next: ", element("code", {}, headline.next.command), ` ${headline.next.why}`] : []));
 }
 addEventListener("saved", () => judge().catch((problem) => failed(problem.message)));
 

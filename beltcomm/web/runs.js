@@ -23,13 +23,13 @@ export function runs(ask) {
         overlay().catch(problem);
       });
       const row = element("tr", { className: one.own ? "own" : "" }, element("td", {}, box), element("td", {}, one.own ? one.name : element("a", { href: `?run=${encodeURIComponent(one.name)}#laboratory` }, one.name)),
-        element("td", { className: one.dated ? "" : "undated", title: one.dated ? "" : "by its files: the drive of this run knows no date" }, day(one.began_s)), element("td", {}, one.drive), element("td", { className: "number" }, number(one.ratio)),
-        element("td", { className: one.passed ? "good" : one.passed === false ? "bad" : "" }, one.passed === null ? "none driven" : one.passed ? "meets its targets" : "misses its targets"), ...(added ? [element("td", {}, one.added.join(", ").replaceAll("_", " "))] : []),
+        element("td", { className: one.dated ? "" : "undated", title: one.dated ? "" : "by its files: the drive of this run knows no date" }, day(one.began_s)), element("td", {}, one.drive), element("td", { className: "number" }, one.ratio === null ? "" : one.ratio.toFixed(2)),
+        element("td", { className: one.result.means }, one.result.word), ...(added ? [element("td", {}, one.added.join(", ").replaceAll("_", " "))] : []),
         ...keys.map((key) => { const q = one.quantities[key]; return element("td", { className: "number" }, q ? number(q.value, 4) + (q.interval === null ? "" : ` ± ${number(q.interval, 2)}`) : ""); }));
       row.dataset.run = one.name;
       return row;
     });
-    $("beside").replaceChildren(element("thead", {}, element("tr", {}, ...["", "run", "begun", "drive", "error × noise", "last move", ...(added ? ["added"] : [])].map((t) => element("th", {}, t)), ...keys.map((key) => element("th", { className: "number" }, words[key].words, element("br"), words[key].unit)))),
+    $("beside").replaceChildren(element("thead", {}, element("tr", {}, ...["", "run", "begun", "drive", "error × noise", "result", ...(added ? ["added"] : [])].map((t) => element("th", {}, t)), ...keys.map((key) => element("th", { className: "number" }, words[key].words, element("br"), words[key].unit)))),
       element("tbody", {}, ...rows));
     $("quantity").replaceChildren(...keys.map((key) => element("option", { value: key }, `${words[key].words}, ${words[key].unit}`)));
   }

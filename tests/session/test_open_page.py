@@ -39,6 +39,8 @@ def test_page_opens_at_the_present_design(browser: Browser) -> None:
     )
     browser.until("the run's first sentence", lambda: browser.text("headline"))
     assert browser.text("headline") == " ".join(headline_of(browser.folder).text.split())
+    noted = browser.folder.load("results", headline_of(browser.folder).move)["noted"]
+    assert f"! {noted[-1]}" in browser.text("warnings").splitlines(), "as the verdict has it"
     drawn = browser.says("[...document.querySelectorAll('#design canvas')].map((one) => one.width > 100 && one.height > 100)")
     assert drawn == [True] * 5
     assert browser.complaints() == []
@@ -151,6 +153,7 @@ def test_saving_makes_it_the_design_of_the_run(browser: Browser) -> None:
     assert min(one["phase_margin_deg"] for one in saved["margins"]) >= wanted - 0.1
     browser.until("no move has proven it", lambda: browser.text("headline") == " ".join(headline_of(browser.folder).text.split()))
     assert browser.text("headline").startswith("OUT OF DATE")
+    assert browser.text("next").startswith("Next: beltcomm verify --drive ")
     assert doubts(browser.folder) == [*saved["proof"]["doubts"], "no verification move was driven with these gains"]
 
 
