@@ -123,6 +123,10 @@ class Cascade:
     feedforward: Feedforward = field(default_factory=Feedforward)
     filter_reference: bool = True
 
+    def __str__(self) -> str:
+        gains = f"Kp {self.kp_nm_s_rad:.3g} N m s/rad, Ki {self.ki_nm_rad:.3g} N m/rad, Kv {self.kpp_1_s:.3g} 1/s"
+        return f"{gains}, T_R {1e3 * self.velocity_filter_s:.3g} ms, prefilter {self.prefilter.kind}"
+
 
 @dataclass(frozen=True)
 class CascadeStructure:

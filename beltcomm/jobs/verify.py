@@ -33,7 +33,7 @@ from beltcomm.quantities import in_mm, mm
 from beltcomm.recording.signalfile import write_columns
 from beltcomm.result import Line, Result
 from beltcomm.rundata import analyse, offline
-from beltcomm.rundata.headline import OF, NextCommand, behind, drive_of, hashes_of, headline_of, next_command
+from beltcomm.rundata.headline import NOTED, OF, NextCommand, behind, drive_of, hashes_of, headline_of, next_command
 from beltcomm.rundata.proof import LEARNT, proof
 from beltcomm.rundata.store import saved_design, verdict_to_dict
 from beltcomm.runfolder import RunFolder, next_free
@@ -205,7 +205,7 @@ def verify_with(
             record = _names(folder)()
             with set_by_hand(drive, folder):
                 verdict, asked = verify_move(machine, model, gains, delay_s, path, record, sending=how, learnt=taught, agreed_n=agreed_n)
-            _keep(folder, drive, model, gains, path, record, verdict, LEARNT if taught is not None else how)
+            _keep(folder, drive, model, gains, path, record, verdict, LEARNT if taught is not None else how, remark)
             driven.append((record, verdict, asked))
     if over_belt and asked.feed_force_n > folder.axis.belt_force_limit_n:
         beyond = (
@@ -222,13 +222,23 @@ def _names(folder: RunFolder) -> Callable[[], str]:
     return lambda: next_free("move_", folder.finished_names())
 
 
-def _keep(folder: RunFolder, drive: Drive, model: Model, gains: Cascade, path: Trajectory, record: str, verdict: Verdict, how: str) -> None:
+def _keep(
+    folder: RunFolder,
+    drive: Drive,
+    model: Model,
+    gains: Cascade,
+    path: Trajectory,
+    record: str,
+    verdict: Verdict,
+    how: str,
+    remark: str = "",
+) -> None:
     """The verdict of a move, and what it proves.   how : what the host added."""
     driven_with = proof(gains, path, (), how if how in ("stretch", "compliant", "led", LEARNT) else "")
     shown = {"proof": driven_with, OF: hashes_of(driven_with["gains"], model)}
     if drive.capabilities.gains == "unknown" and not as_predicted(verdict):
         shown = {}  # what was driven are other gains
-    folder.save("results", f"verify_{record}", {**verdict_to_dict(verdict), **shown})
+    folder.save("results", f"verify_{record}", {**verdict_to_dict(verdict), **shown, NOTED: [remark] if remark else []})
 
 
 @contextmanager

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
-from beltcomm.errors import UsageError
+from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.given import Place, number, place, word
 from beltcomm.result import Described, Result, table
 from beltcomm.run.model import RunModel
@@ -355,8 +356,9 @@ class OpenedRun(Described):
         parts = {"records": folder.finished_names(), "models": folder.names("models"), "designs": folder.names("designs")}
         being_made = f"; {', '.join(unmade)} not complete" if (unmade := folder.unfinished()) else ""
         lines: list[str] = [f"Run {folder.path}, axis {axis}{being_made}"]
-        lines += table(["has", "names"], [[kind, ", ".join(names) or "none"] for kind, names in parts.items()])
-        return lines
+        with suppress(BeltcommError):  # a damaged result hides nothing else
+            lines.append(self.headline.text)
+        return lines + table(["has", "names"], [[kind, ", ".join(names) or "none"] for kind, names in parts.items()])
 
 
 def _api() -> Any:

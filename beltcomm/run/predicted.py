@@ -93,7 +93,7 @@ class MovePrediction(Described):
         motor, cart, path = self.error, self.cart_error, self.path
         rows = [
             ["following error", mm(motor.dynamic_m), mm(cart.dynamic_m)],
-            ["after it has settled", mm(motor.static_m), mm(cart.static_m)],
+            ["settled error", mm(motor.static_m), mm(cart.static_m)],
             ["overshoot", mm(motor.overshoot_m), mm(cart.overshoot_m)],
         ]
         lines: list[str] = [f"Predicted move: {self._words}", *table(["", ">motor", ">carriage"], rows)]

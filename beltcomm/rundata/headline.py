@@ -77,6 +77,9 @@ class Headline:
         """Word and sentence, for a file or a page."""
         return f"{tr(self.word)}   {self.sentence}"
 
+    def __str__(self) -> str:
+        return self.text
+
     @property
     def good(self) -> bool:
         """True if the axis does what was asked, by a model that explains it and with nothing that speaks against it."""

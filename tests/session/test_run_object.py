@@ -76,6 +76,8 @@ def test_a_notebook_sees_tables(run: OpenedRun) -> None:
     for one in shown:
         assert one._repr_html_().count("<table>") == 1
         assert len(repr(one).splitlines()) > 1
+    assert str(run.headline) in str(run).splitlines()
+    assert str(run.gains).startswith(f"Kp {run.gains.kp_nm_s_rad:.3g} N m s/rad, ")
     assert "<b>" not in run._repr_html_()
     assert "cart.mass" in dir(run.model) or "mass" in dir(run.model)
 
