@@ -27,7 +27,7 @@ from beltcomm.schedule.next_plan import families, hands_of
 from beltcomm.sentences.diagnosis_data import Plain
 
 #: Characters of the longest bar of a staircase.
-BAR = 24
+BAR = 12
 
 #: What is left over and goes with something, in words.
 LEFT_WORDS = {
@@ -331,7 +331,8 @@ def staircase(rungs: Sequence[Revision]) -> list[Row]:
         for rung in rungs
     ]
     rows.append([tr("noise"), "", "1.00", "", "", "█" * max(1, round(BAR / highest)), ""])
-    return table(["revision", "change", ">error", ">held out", ">% of torque", "", ""], rows)
+    wide = 7 if any(row[-1] for row in rows) else 6  # a column that holds nothing makes no table wider than a screen
+    return table(["revision", "change", ">error", ">held out", ">% of torque", "", ""][:wide], [row[:wide] for row in rows])
 
 
 def ladder_lines(rungs: Sequence[Revision], changed: Sequence[str]) -> list[str]:
