@@ -380,7 +380,7 @@ def _remarks(
             )
     if fit.offset.interval is not None and abs(fit.offset.value) > fit.offset.interval:
         remarks.append(
-            f"an offset of {fit.offset.value:.3g} ± {fit.offset.interval:.2g} N m: gravity, an offset of the current or friction "
+            f"an offset of {1e3 * fit.offset.value:.3g} ± {1e3 * fit.offset.interval:.2g} mN m: gravity, an offset of the current or friction "
             "that differs by direction; on a tilted axis most of it is gravity, elsewhere a sweep with another payload tells that apart"
         )
     slowest = float(np.min(np.abs(speed)))

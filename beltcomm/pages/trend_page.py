@@ -255,8 +255,8 @@ def _said(
             return "reached", f"{last.words} {word}: {last.shown()}, limit {_number(last, bound)}", None
     if course is None:
         change = 100.0 * (last.value / first.value - 1.0) if first.value else math.nan
-        few = f"cannot tell a trend from scatter yet ({_days(t_s)} days, {FEWEST} are needed)"
-        return "unsure", f"{last.words}: {change:+.2g} % from {first.shown()} to {last.shown()}; {few}", None
+        days = f"{_days(t_s)} of {FEWEST} days"
+        return "unsure", f"{last.words}: {change:+.2g} % from {first.shown()} to {last.shown()}; {days}", None
     if not course.drifts:
         seen = 100.0 * course.sure_interval * 365.25 * DAY_S / abs(course.level) if course.level else 0.0
         least = f" (seen would be {seen:.2g} % a year)" if seen > MINUTE else ""
