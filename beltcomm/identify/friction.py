@@ -380,8 +380,9 @@ def _remarks(
             )
     if fit.offset.interval is not None and abs(fit.offset.value) > fit.offset.interval:
         remarks.append(
-            f"an offset of {1e3 * fit.offset.value:.3g} ± {1e3 * fit.offset.interval:.2g} mN m: gravity, an offset of the current or friction "
-            "that differs by direction; on a tilted axis most of it is gravity, elsewhere a sweep with another payload tells that apart"
+            f"an offset of {1e3 * fit.offset.value:.3g} ± {1e3 * fit.offset.interval:.2g} mN m: gravity, an offset of the current or "
+            "friction that differs by direction; on a tilted axis most of it is gravity, elsewhere a sweep with another payload tells "
+            "that apart"
         )
     slowest = float(np.min(np.abs(speed)))
     slow = np.abs(speed) <= slowest * (1.0 + 2.0 * LARGEST_SPEED_ERROR)

@@ -47,7 +47,7 @@ def test_a_change_is_named_by_what_its_interval_allows(now: float, interval: flo
 def test_runs_of_one_day_make_no_course(months: Months) -> None:
     found = api.trend(months({"coulomb_total": lambda i: 1.0 + 0.1 * i}, 3), dates=("2025-01-01T08", "2025-01-01T10", "2025-01-01T12"))
     assert found.to_json()["quantities"]["coulomb_total"]["state"] == "unsure"
-    assert "1 days" in found.to_json()["quantities"]["coulomb_total"]["text"]
+    assert "1 of 3 days" in found.to_json()["quantities"]["coulomb_total"]["text"]
 
 
 def test_the_interval_of_a_ratio_covers_it() -> None:
@@ -127,7 +127,7 @@ def test_limits_can_be_set_and_one_that_is_reached_fails(months: Months) -> None
     runs = months({"coulomb_total": lambda i: 1.0 + 0.2 * i}, 2)
     unsure = api.trend(runs, dates=("2025-01-01", "2025-06-01"))
     assert unsure.exit_code == 0
-    assert "cannot tell" in unsure.to_json()["quantities"]["coulomb_total"]["text"]
+    assert "2 of 3 days" in unsure.to_json()["quantities"]["coulomb_total"]["text"]
     result = api.trend(runs, limits=("coulomb_total=+10%",))
     assert result.exit_code == 1
     assert "has reached its limit" in result.to_json()["quantities"]["coulomb_total"]["text"]
