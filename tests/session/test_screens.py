@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from beltcomm import language
 from beltcomm.axis import load_axis
 from beltcomm.axis.entries import AxisTargets
 from beltcomm.cli.display import Display
@@ -22,7 +23,7 @@ from beltcomm.experiments.plan import commission_plan, identify_plan
 from beltcomm.experiments.plan_screen import plan_screen
 from beltcomm.machine.heat import Thermal
 from beltcomm.rundata.headline import headline_of
-from beltcomm.rundata.store import verdict_to_dict
+from beltcomm.rundata.store import cascade_from_dict, verdict_to_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import outcome, screens
 from beltcomm.talk import CarriagePosition, Gauge
@@ -99,6 +100,16 @@ def test_the_verdict_is_a_screen_and_the_rest_in_details(complete: Complete, mon
     assert "95 % intervals" not in text
     assert "95 % intervals" in "\n".join(complete.result.details)  # type: ignore[attr-defined]
     assert lines[-1].strip() == f"beltcomm open {complete.path}"
+
+
+@pytest.mark.parametrize("spoken", ["en", "de"])
+def test_everything_that_can_be_sent_along_fits_a_line(complete: Complete, spoken: str) -> None:
+    """An offset beside inertia, friction and velocity ran over the edge."""
+    cascade = cascade_from_dict(complete.folder.load("designs", "final"))
+    language.use(spoken)
+    lines = screens.gain_lines(replace(cascade, feedforward=replace(cascade.feedforward, offset_nm=0.02, velocity=1.0)))
+    language.use("en")
+    assert max(map(len, lines)) <= WIDE
 
 
 @pytest.mark.parametrize("at", ["motor", "both"])
