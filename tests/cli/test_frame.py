@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import json
 import os
-import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterable, Mapping
@@ -14,11 +13,9 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
-import click
 import pytest
 from click.testing import CliRunner, Result
 
-from beltcomm.cli.help import FURTHER
 from beltcomm.cli.main import VERBS, cli
 from beltcomm.design.specification import PRODUCT_SPECIFICATION
 from beltcomm.errors import DataError, DriveError, DriveFault, Refused, SafetyStop, UsageError
@@ -381,23 +378,6 @@ def test_every_verb_has_help_json_and_verbosity(verb: str) -> None:
     assert outcome.exit_code == 0
     assert "--json" in outcome.stdout
     assert "--verbose" in outcome.stdout
-
-
-@pytest.mark.parametrize("verb", VERBS)
-def test_help_is_a_screen_and_names_every_option(verb: str) -> None:
-    short, whole = (CliRunner().invoke(cli, [verb, asked], terminal_width=80).stdout for asked in ("--help", "--help-all"))
-    command = cli.get_command(click.Context(cli), verb)
-    assert command is not None
-    options = {param.opts[-1]: param for param in command.params if isinstance(param, click.Option) and not param.hidden}
-    assert short.count("\n") <= 45
-    assert [name for name in options if not re.search(rf"{name}(?![\w-])", short)] == []
-    named_alone = (" ".join(option.help.split()[:3]) for name, option in options.items() if option.help and name != "--help")
-    assert [words for words in named_alone if words not in " ".join(whole.split())] == []
-
-
-def test_every_option_that_a_help_folds_is_one() -> None:
-    known = {name for verb in VERBS for param in cli.get_command(click.Context(cli), verb).params for name in param.opts}
-    assert {name for names in FURTHER.values() for name in names} <= known
 
 
 @pytest.mark.parametrize("verb", ["commission", "identify", "friction", "verify", "move"])
