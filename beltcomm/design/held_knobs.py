@@ -13,9 +13,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, BoolArray, ComplexArray
 from beltcomm.control import Cascade, CascadeStructure, Feedforward, Prefilter
 from beltcomm.design.allowed import AllowedGains, allowed_gains
 from beltcomm.design.cascade import DesignResult, binding_conditions, meets, on_step, quantised_pi, with_reserve
@@ -107,7 +106,7 @@ def gains_of_knobs(plants: KnobPlants, prefilter: Prefilter, velocity_filter_s: 
     raise refusal or OutOfReach(f"the drive's steps of its gains are too coarse for {_words(knobs)}", "drive")
 
 
-def suppression_range(shape: LoopShape, structure: CascadeStructure, specification: Specification, values_db: Array) -> NDArray[np.bool_]:
+def suppression_range(shape: LoopShape, structure: CascadeStructure, specification: Specification, values_db: Array) -> BoolArray:
     """Suppressions that the velocity loop can have with the phase margin of a specification, at any T_N.
 
     Parameters
@@ -127,7 +126,7 @@ def suppression_range(shape: LoopShape, structure: CascadeStructure, specificati
         In the shape of ``values_db``.
     """
     possible = np.zeros(len(values_db), dtype=bool)
-    for time in _times(shape, structure):
+    for time in _times(structure):
         unit = unit_loop(shape, time)
         allowed = allowed_gains(unit, shape, specification.phase_margin_deg, specification)
         if allowed is not None:
@@ -155,7 +154,7 @@ def highest_position_margin(shape: LoopShape, structure: CascadeStructure, speci
     float, deg
         0 where no gain leaves any.
     """
-    gains = [(time, kp) for time in _times(shape, structure) if (kp := _at(shape, structure, specification, time)) is not None]
+    gains = [(time, kp) for time in _times(structure) if (kp := _at(shape, structure, specification, time)) is not None]
     paths = [position_path(kp * unit_loop(shape, time), shape.estimator) for time, kp in gains]
     low, high = 0.0, 90.0
     while paths and high - low > 0.25:
@@ -189,7 +188,7 @@ def _quantised_cascades(
 
 def _stiffest(shape: LoopShape, structure: CascadeStructure, inside: Specification) -> tuple[float, float]:
     """K_P, N m s/rad, and the T_N, s, with the largest K_I K_PP that the margins allow.   Raises OutOfReach."""
-    times, found = _times(shape, structure), {}
+    times, found = _times(structure), {}
     tried: set[float] = set()
     for _ in range(1 + _ZOOMS):
         for time in times:
@@ -220,26 +219,26 @@ def _at(shape: LoopShape, structure: CascadeStructure, inside: Specification, ti
     return float(kp[0]) if allowed is not None and len(allowed.of(kp)) else None
 
 
-def _position_gain(path: NDArray[np.complex128], shape: LoopShape, structure: CascadeStructure, inside: Specification) -> float:
+def _position_gain(path: ComplexArray, shape: LoopShape, structure: CascadeStructure, inside: Specification) -> float:
     """The largest K_PP of the drive that meets the specification; 0 where none does."""
     highest = highest_position_gain(path, shape, inside, structure.highest.get("kpp_1_s", math.inf))
     kpp = on_step(highest, structure.steps.get("kpp_1_s", 0.0), math.floor)
     return kpp if kpp >= structure.lowest.get("kpp_1_s", 0.0) else 0.0
 
 
-def _times(shape: LoopShape, structure: CascadeStructure) -> Array:
+def _times(structure: CascadeStructure) -> Array:
     """T_N to try, s, ascending; none where the drive's range is empty."""
     low, high = integral_time_bounds(structure, structure.period_s)
     return np.geomspace(low, high, _TIMES) if low < high else np.array([low] if low == high else [])
 
 
-def _peak(unit: NDArray[np.complex128], shape: LoopShape) -> float:
+def _peak(unit: ComplexArray, shape: LoopShape) -> float:
     """Largest gain at and above the resonance and at local peaks, for K_P = 1."""
     peaks = resonance_or_peak(unit, shape.omega_rad_s, shape.resonance_rad_s)
     return float(np.max(np.where(peaks, np.abs(unit), 1e-300)))
 
 
-def _in_drive(kp: Array, time: float, structure: CascadeStructure) -> NDArray[np.bool_]:
+def _in_drive(kp: Array, time: float, structure: CascadeStructure) -> BoolArray:
     low, high = structure.lowest.get, structure.highest.get
     least = max(low("kp_nm_s_rad", 0.0), low("ki_nm_rad", 0.0) * time)
     most = min(high("kp_nm_s_rad", math.inf), high("ki_nm_rad", math.inf) * time)

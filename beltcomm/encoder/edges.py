@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from beltcomm.arrays import Array, IntArray
+from beltcomm.arrays import Array, BoolArray, IntArray
 from beltcomm.errors import UsageError
 
 Motion = Callable[[NDArray[Any]], NDArray[Any]]
@@ -178,7 +178,7 @@ def _monotone_knots(motion: Motion, duration_s: float, tick_s: float, scan_s: fl
     return np.unique(np.concatenate([knots, np.array(found, dtype=np.int64)]))
 
 
-def _first_ticks(motion: Motion, tick_s: float, place: Array, upward: NDArray[np.bool_], before: IntArray, after: IntArray) -> IntArray:
+def _first_ticks(motion: Motion, tick_s: float, place: Array, upward: BoolArray, before: IntArray, after: IntArray) -> IntArray:
     """The first tick at which the position is past each place, between two ticks that lie on both sides of it."""
     low, high = before.copy(), after.copy()
     while np.any(high - low > 1):

@@ -74,7 +74,7 @@ class AskedExcitation:
             raise UsageError(f"{self.periods} measured periods do not tell the noise; ask for {FEWEST_REPEATS} or more")
         if self.periods is not None and self.periods > MOST_PERIODS:
             raise UsageError(f"{self.periods} measured periods are more than anybody waits for; ask for {MOST_PERIODS} or fewer")
-        if (seconds := self.seconds(sample_period_s)) is not None:
+        if (seconds := self.seconds()) is not None:
             _check_length(seconds, sample_period_s)
         if self.amplitude_nm is None:
             return
@@ -138,13 +138,8 @@ class AskedExcitation:
             "less, or for a shorter bit or a lower order, which go less far"
         )
 
-    def seconds(self, sample_period_s: float) -> float | None:
+    def seconds(self) -> float | None:
         """Length of the whole record.
-
-        Parameters
-        ----------
-        sample_period_s : float, s
-            Of drive and record.
 
         Returns
         -------

@@ -6,9 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, BoolArray
 from beltcomm.errors import UsageError
 from beltcomm.excitation.record import Excitation
 
@@ -39,7 +38,7 @@ class MovingExcitation:
     added: Array
     period_samples: int
     starts: tuple[int, ...]
-    excited: NDArray[np.bool_]
+    excited: BoolArray
 
     def __post_init__(self) -> None:
         for name in ("base_m", "base_m_s", "added", "excited"):

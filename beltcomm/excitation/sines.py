@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.errors import UsageError
 from beltcomm.excitation.record import Excitation, finish
 
@@ -116,7 +117,7 @@ def detection_lines(excitation: Excitation) -> tuple[NDArray[np.intp], NDArray[n
     return silent[silent % 2 == 1], silent[silent % 2 == 0]
 
 
-def _sum(samples: int, lines: NDArray[np.intp], rng: np.random.Generator) -> NDArray[np.float64]:
+def _sum(samples: int, lines: NDArray[np.intp], rng: np.random.Generator) -> Array:
     spectrum = np.zeros(samples // 2 + 1, dtype=np.complex128)
     spectrum[lines] = np.exp(2j * np.pi * rng.random(len(lines)))
     return np.asarray(np.fft.irfft(spectrum, samples))

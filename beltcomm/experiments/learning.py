@@ -7,9 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, BoolArray
 from beltcomm.control import Cascade
 from beltcomm.design.compliant import with_rest_before
 from beltcomm.design.learning import LearningFilter, learning_filter
@@ -170,7 +169,7 @@ def _repetition(name: str, recording: Recording, ratio: float, torque: Array, ve
     return Repetition(name, rms, largest, torque, np.interp(np.arange(len(torque)), at, error), verdict)
 
 
-def _moving(path: Trajectory, samples: int) -> NDArray[np.bool_]:
+def _moving(path: Trajectory, samples: int) -> BoolArray:
     found = np.zeros(samples, dtype=bool)
     found[: len(path.t_s)] = np.abs(path.velocity_m_s) > 0.0
     return found

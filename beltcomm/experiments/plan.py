@@ -423,7 +423,7 @@ def _here(
     shaken_m = excitation_travel_m(capabilities.sample_period_s)
     travel, reach = min(shaken_m, widest), min(shaken_m + phases.END_MARGIN_M, widest)
     held, slow = held_before_nm(axis), stroking_nm(axis, capabilities, 0.0)
-    response_s = asked.seconds(capabilities.sample_period_s) or RESPONSE_SECONDS
+    response_s = asked.seconds() or RESPONSE_SECONDS
     binary = math.hypot(phases.excitation_torque_nm(axis, capabilities, held), held)
     return (
         Experiment(

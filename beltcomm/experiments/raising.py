@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.errors import NoMotion, Refused, SafetyStop
 from beltcomm.experiments.phases import BELT_SHARE, excitation_envelope, motion_limits, without_offset
 from beltcomm.experiments.recentre import QUIETER, may_not_excite, stands_after
@@ -55,7 +55,7 @@ class _Next:
 
     order: int
     clock: int
-    unit: NDArray[np.float64]
+    unit: Array
     step: AmplitudeStep
     at_m: float
     limits: MotionLimits

@@ -17,16 +17,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
 
+from beltcomm.arrays import Array, BoolArray
 from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.fit.noise.whitening import noises
 from beltcomm.fit.records import Data
 from beltcomm.fit.residual.segment import Segment, evaluate, evaluate_each, noise_paths_of, with_observers
 from beltcomm.model import Model
-
-Array = NDArray[np.float64]
 
 #: Hz, from wide to narrow.
 BANDS_HZ = (240.0, 120.0, 60.0, 30.0, 15.0, 8.0, 4.0)
@@ -64,7 +62,7 @@ class Banded:
     held_out: bool
     error: Array
     torque: Array
-    keep: NDArray[np.bool_]
+    keep: BoolArray
     noise: float
     sample_s: float
     whole: Array
@@ -217,7 +215,7 @@ def change(pairs: Sequence[tuple[Banded, Banded]]) -> tuple[float, float]:
     return min(rise, max(read_off, 0.0)), max(chance, READ_OFF * squares)
 
 
-def low_passed(signal: Array, keep: NDArray[np.bool_], band_hz: float, sample_s: float) -> tuple[Array, NDArray[np.bool_]]:
+def low_passed(signal: Array, keep: BoolArray, band_hz: float, sample_s: float) -> tuple[Array, BoolArray]:
     """The signal by a Gaussian low-pass over the samples that count, and where :data:`WEIGHT` of its weights stand on such; (n,) each.
 
     Beside a standstill, where e says nothing, what is left of the weights no longer takes the differences out of the rounding.

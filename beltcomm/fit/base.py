@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.compiled import in_one_thread
 from beltcomm.fit.estimate import AT_A_TIME, Fitted, fit, resume_fit
 from beltcomm.fit.least_squares import least_plain_error
@@ -39,8 +39,6 @@ from beltcomm.fit.torque.reading_fit import CLEAR, fit_reading
 from beltcomm.fit.uncertainty.intervals import UNEXPLAINED, with_intervals
 from beltcomm.fit.uncertainty.nuisance import hold, next_to_hold, with_nuisance
 from beltcomm.model import Model
-
-Array = NDArray[np.float64]
 
 #: Error over the noise below which only the noise may be wrong.
 NEARLY = 1.25

@@ -9,8 +9,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.axis import Axis
 from beltcomm.caches import source_hash
 from beltcomm.fit.estimate import Fitted, evaluate_at, problem_of
@@ -21,8 +21,6 @@ from beltcomm.fit.torque.path import path_from_dict, path_to_dict
 from beltcomm.fit.uncertainty.nuisance import with_nuisance
 from beltcomm.model import Model, model_from_dict
 from beltcomm.recording import Recording
-
-Array = NDArray[np.float64]
 
 #: Fine steps of a sample, at most: a file may ask for a day of computing.
 _MOST_SUBSTEPS = 1000

@@ -8,15 +8,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.fit.model_fit import ModelFit, fit_model
 from beltcomm.fit.start.undersampled import LATE_S, SeldomEstimate, comes_seldom, estimate
 from beltcomm.fit.uncertainty.nuisance import released
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-
-Array = NDArray[np.float64]
 
 #: Rounding of the encoder in a second difference of its angle, in its steps.
 SECOND_DIFFERENCE = math.sqrt(0.5)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, BoolArray
 from beltcomm.recording.sidecar import ExcitationNote
 
 #: A period is at least so long; fewer samples are a square wave.
@@ -71,7 +70,7 @@ def _likely_periods(excited: Array) -> list[int]:
     return sorted(sorted(peaks, key=lambda k: -share[k])[:_CANDIDATES])
 
 
-def _longest_run(equal: NDArray[np.bool_]) -> tuple[int, int]:
+def _longest_run(equal: BoolArray) -> tuple[int, int]:
     """Start and length of the longest run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate(([0], equal.astype(np.int8), [0]))))
     starts, ends = edges[::2], edges[1::2]

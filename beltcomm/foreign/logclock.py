@@ -13,10 +13,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, BoolArray
 from beltcomm.foreign.framelog import FrameLog
-
-Mask = NDArray[np.bool_]
 
 #: s, by which stamps of frames in the right order may go back: queues of a controller, not another file.
 _QUEUE_S = 5e-3
@@ -78,8 +76,8 @@ class RowTimes:
     """
 
     t_s: Array
-    broken: Mask
-    standing: Mask
+    broken: BoolArray
+    standing: BoolArray
     notes: tuple[str, ...] = ()
 
 
@@ -128,7 +126,7 @@ def row_times(t_s: Array, position: Array, synchronous: bool, cycle_s: float | N
     return RowTimes(np.round(t_s[0] + np.concatenate(([0.0], np.cumsum(mended))), 9), broken, standing, tuple(notes))
 
 
-def _runs(zeros: Mask) -> list[tuple[int, int]]:
+def _runs(zeros: BoolArray) -> list[tuple[int, int]]:
     """First and last row of each run of rows on one stamp."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], zeros, [False])).astype(np.int8)))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
@@ -164,7 +162,7 @@ def _stands_filled(mended: Array, runs: list[tuple[int, int]], period: float, no
         notes.append(words + (f". The clock stood for {lost:.6g} s, by which all that follows is later than its stamps" if lost else ""))
 
 
-def _jumps_bridged(mended: Array, steps: Array, position: Array, period: float, broken: Mask, notes: list[str]) -> None:
+def _jumps_bridged(mended: Array, steps: Array, position: Array, period: float, broken: BoolArray, notes: list[str]) -> None:
     """Steps of the clock over which motion goes on become one period; where time goes back and it does not, time is not known."""
     back, ahead = 0, 0
     for k in np.flatnonzero((steps < 0.0) | (steps > max(PAUSE_PERIODS * period, PAUSE_S))).tolist():

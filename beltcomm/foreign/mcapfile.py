@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from beltcomm.arrays import Column
 from beltcomm.errors import DataError
 from beltcomm.foreign.jsonfile import as_columns
-from beltcomm.foreign.table import Column, Table, words_of
+from beltcomm.foreign.table import Table, words_of
 from beltcomm.outside import check_columns, check_count, from_json, opened
 
 _FEWEST = 3

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.errors import DataError
 from beltcomm.foreign.table import Table, words_of
 from beltcomm.outside import check_columns, check_count
@@ -33,7 +33,7 @@ def read_mdf(path: Path) -> Table:
 
 
 def _channels(path: Path, file: Any) -> Table:
-    found: dict[str, NDArray[np.float64]] = {}
+    found: dict[str, Array] = {}
     units: dict[str, str] = {}
     clocks: dict[str, str] = {}
     left_out: list[str] = []

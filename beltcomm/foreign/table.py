@@ -5,14 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
-from numpy.typing import NDArray
-
+from beltcomm.arrays import Column
 from beltcomm.configfiles import did_you_mean
 from beltcomm.quantities import UNITS
 
-Column = NDArray[Any]
 Separator = Literal["comma", "semicolon", "tab", "bar", "space"]
 Decimal = Literal["point", "comma"]
 

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from beltcomm.arrays import Column
 from beltcomm.errors import DataError
-from beltcomm.foreign.table import Column, Table, words_of
+from beltcomm.foreign.table import Table, words_of
 from beltcomm.outside import check_columns, opened
 
 

@@ -103,8 +103,6 @@ class Drift:
         What is left of passes at one speed, N m.
     speeds : int
         Driven at least twice, either way counted alone.
-    passes : int
-        At them.
     """
 
     viscous: Value
@@ -112,7 +110,6 @@ class Drift:
     minutes: float
     rms_nm: float
     speeds: int
-    passes: int
 
 
 @dataclass(frozen=True)
@@ -326,7 +323,6 @@ def drift_of(plateaus: Sequence[Plateau]) -> Drift:
         float(np.ptp(minutes)),
         float(np.sqrt(np.sum(rest**2) / left)),
         k,
-        len(passes),
     )
 
 

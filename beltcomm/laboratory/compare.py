@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.errors import Refused, UsageError
 from beltcomm.fit.band_error import band_limited_errors, band_of
 from beltcomm.fit.estimate import Fitted
@@ -19,10 +19,10 @@ from beltcomm.laboratory.plain_error import plain_error
 from beltcomm.laboratory.samples import Judged, units_of
 from beltcomm.model import Model
 
-Array = NDArray[np.float64]
-
 #: A place is told when its ratio is this, and this many times that of the rest.
 LEAST_RATIO, LEAST_CONTRAST = 1.06, 1.04
+#: So many of them are told.
+WORST = 5
 #: In a model that fits as a whole, up to this ratio, only what adds this to its square and stands out by this factor.
 WHOLE, LEAST_WEIGHT, CLEAR_CONTRAST = 1.03, 0.01, 1.5
 
@@ -95,12 +95,12 @@ def _judge(piece: Segment, model: Model, white: Array, whole: Array) -> Judged:
     return Judged(piece, white, whole[piece.value_samples], model["transmission.ratio"], whole, units_of(model))
 
 
-def worst(comparison: Comparison, count: int = 5) -> list[ErrorRegion]:
+def worst(comparison: Comparison) -> list[ErrorRegion]:
     """The places that stand out, worst first; few or none where the model fits as a whole."""
     places = [p for p in comparison.places if p.ratio >= LEAST_RATIO and p.contrast >= LEAST_CONTRAST]
     if max(comparison.ratio, comparison.held_out or 0.0) <= WHOLE:
         places = [p for p in places if p.weight >= LEAST_WEIGHT and p.contrast >= CLEAR_CONTRAST]
-    return places[:count]
+    return places[:WORST]
 
 
 def landmarks(model: Model, position_m: float) -> dict[str, float]:

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, ComplexArray
 from beltcomm.axis import Axis
 from beltcomm.effects import EFFECTS, AxisSummary
 from beltcomm.fit.estimate import Fitted
@@ -20,8 +20,6 @@ from beltcomm.model import Model
 from beltcomm.model.linear import modes, operating_point, values_of
 from beltcomm.recording import Recording
 from beltcomm.recording.sampling import encoder_grid
-
-Array = NDArray[np.float64]
 
 #: rad/s: speed of the linearisation, anything at which friction slides.
 SLIDING_RAD_S = 1.0
@@ -232,7 +230,7 @@ def map_checks(recordings: Sequence[Recording], model: Model) -> tuple[MapCheck,
     return tuple(map_check(r, orders, waves) for r in recordings if r.is_static_map)
 
 
-def map_check(record: Recording, orders: Array, waves: NDArray[np.complex128]) -> MapCheck:
+def map_check(record: Recording, orders: Array, waves: ComplexArray) -> MapCheck:
     """One map; waves: w of the torque Re Σ w exp(j N θ)."""
     angle = record.position
     columns = np.concatenate([np.cos(np.outer(angle, orders)), -np.sin(np.outer(angle, orders)), np.ones((len(angle), 1))], axis=1)

@@ -8,12 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.compiled import compiled
 from beltcomm.fit.residual.segment import Segment
-
-Array = NDArray[np.float64]
 
 
 def powers_of(number: int) -> Array:

@@ -11,12 +11,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from beltcomm.arrays import Array, IntArray
 from beltcomm.laboratory.samples import Judged, Samples, gather_samples
-
-Array = NDArray[np.float64]
 
 #: Widths of the bins: m, s, and factor of the speed.  None by torque: its own noise would sort the values.
 PLACE_M, TIME_S, SPEED_FACTOR = 0.05, 10.0, 1.5
@@ -40,7 +38,7 @@ def steady_speed(item: Judged) -> Array:
     return np.asarray(smooth[item.piece.value_samples] * item.ratio_m_rad)
 
 
-def partitions(samples: Samples) -> dict[str, NDArray[np.int64]]:
+def partitions(samples: Samples) -> dict[str, IntArray]:
     """Number of the bin of every value."""
     forward = samples.speed > 0.0
     speed = np.floor(np.log(np.maximum(np.abs(samples.speed), 1e-6)) / np.log(SPEED_FACTOR)).astype(np.int64)
@@ -49,7 +47,7 @@ def partitions(samples: Samples) -> dict[str, NDArray[np.int64]]:
     return {name: 2 * number + forward for name, number in signed.items()}
 
 
-def excess(white: Array, number: NDArray[np.int64]) -> float:
+def excess(white: Array, number: IntArray) -> float:
     """(Σ n mean² - bins)/√(2 bins)."""
     _, bins = np.unique(number, return_inverse=True)
     count = np.bincount(bins)

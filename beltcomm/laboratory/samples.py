@@ -11,10 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.fit.residual.segment import Segment
 from beltcomm.model import Model
-
-Array = NDArray[np.float64]
 
 #: Edges of the speed bins, of a carriage and of a motor alone; m, s and Hz, widths of the others; most bins of position; shares of the
 #: largest torque, edges.

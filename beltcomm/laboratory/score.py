@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.axis import Axis
 from beltcomm.effects import AxisSummary, Effect, Trial
 from beltcomm.fit.estimate import BLOCK_S, Fitted
@@ -36,8 +36,6 @@ from beltcomm.simulate.inverse import (
 )
 from beltcomm.simulate.kernels.switchboard import BEFORE_THE_LOAD
 from beltcomm.simulate.kernels.writer import acts_on_motor
-
-Array = NDArray[np.float64]
 
 #: Trials whose columns are held at a time, and trials of an effect that are looked at again with bounds and weights of their own.
 BATCH, LOOKED_AT = 10, 3
@@ -141,7 +139,7 @@ class Scorer:
         """Trials and their columns, some at a time."""
         for first in range(0, len(trials), BATCH):
             some = list(trials[first : first + BATCH])
-            yield some, self.columns(effect, [self.model_with(effect, v, t) for t in some for v in amplitude_columns(effect, t)])
+            yield some, self.columns(effect, [self.model_with(effect, v, t) for t in some for v in amplitude_columns(t)])
 
     def harmonics(self, effect: Effect, trials: Sequence[Trial]) -> Iterator[tuple[list[Trial], Array]]:
         """Score columns for all orders of an effect that repeats with the motor angle."""
@@ -182,7 +180,7 @@ class Scorer:
     def score_columns(self, effect: Effect, trial: Trial, columns: Array) -> Scored:
         """One trial by its columns; by what the whole axis does to an error of the angle, where the columns only said which to look at."""
         if effect.harmonic == "angle":
-            columns = self.columns(effect, [self.model_with(effect, values, trial) for values in amplitude_columns(effect, trial)])
+            columns = self.columns(effect, [self.model_with(effect, values, trial) for values in amplitude_columns(trial)])
         if trial.base:
             return self.score_at(effect, trial, trial.values)
         near = self.nearby.best(columns=columns)
@@ -205,9 +203,7 @@ class Scorer:
         """A trial with these own values as they are; amplitudes as the score test wants them."""
         if trial.amplitudes:
             unit = replace(trial, values={**own, **{name: trial.values[name] for name in trial.amplitudes}})
-            near = self.nearby.best(
-                columns=self.columns(effect, [self.model_with(effect, v, unit) for v in amplitude_columns(effect, unit)])
-            )
+            near = self.nearby.best(columns=self.columns(effect, [self.model_with(effect, v, unit) for v in amplitude_columns(unit)]))
             own = self.start_values(effect, unit, near.amounts)
         else:
             near = self.nearby.best(self.columns(effect, [self.model_with(effect, own, trial)])[:, 0])
@@ -300,7 +296,7 @@ class Scorer:
         return as_read(torque, 0.0, self.parts[i].motion.sample_s, self.parts[i].lags)
 
 
-def amplitude_columns(effect: Effect, trial: Trial) -> Iterator[dict[str, float]]:
+def amplitude_columns(trial: Trial) -> Iterator[dict[str, float]]:
     """Values of each column: the whole trial, or each of its amplitudes alone."""
     if not trial.amplitudes:
         yield dict(trial.values)

@@ -15,11 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.fit.noise.decimation import smallest_step
 from beltcomm.fit.start.low_pass import REACH, legible, smooth
 from beltcomm.recording import Recording
-
-Array = NDArray[np.float64]
 
 #: Deviations beyond which J / k is known; s, length of a block whose sums are independent, fewest of them; share to be explained.
 CERTAIN, BLOCK_S, FEWEST_BLOCKS, EXPLAINED = 4.0, 0.2, 10, 0.5

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.fit.likelihood.problem import OFFSET_M, Problem
 from beltcomm.fit.records import SUBSTEPS
@@ -14,8 +14,6 @@ from beltcomm.fit.residual.observer import needs_observer
 from beltcomm.fit.residual.segment import Segment, in_noise, observed_residuals, with_observers
 from beltcomm.simulate.inverse import belt_loads, fine_load, true_motion
 from beltcomm.simulate.kernels.vectors import LANES
-
-Array = NDArray[np.float64]
 
 #: m; a record whose carriage stays within this is taken at one place.
 ONE_PLACE_M = 0.06

@@ -13,8 +13,8 @@ from dataclasses import replace
 from types import TracebackType
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade, Feedforward, feedforward_torque
 from beltcomm.drive import COLUMNS, Drive, Guarding, Limits, LoopKind, Motion, Row
@@ -39,7 +39,6 @@ from beltcomm.simulate.stopping import Braking, first_deceleration
 from beltcomm.talk import CarriagePosition, Gauge, Talk, detail, found
 from beltcomm.trajectory import Trajectory
 
-Array = NDArray[np.float64]
 RowWatch = Callable[[Row], None]
 
 #: The drive's parameter that holds a tilted axis in each of its own loops, the quick stop included.

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.configfiles import find_config, read_yaml
 from beltcomm.effects import BELT_DAMPING, BELT_SPRING, BELT_STIFFNESS, DRIVING_END, Body, Effect, Parameter, effect_named
 from beltcomm.effects.rigid_load import driven
@@ -136,7 +136,7 @@ class Model:
         """True if its load moves with the motor without compliance."""
         return "rigid_load" in self.effects
 
-    def driven_inertia(self, vector: NDArray[np.float64] | None = None) -> float:
+    def driven_inertia(self, vector: Array | None = None) -> float:
         """Inertia of the driven body, with a load that moves with it rigidly:  J + i_t² m, kg m² (kg, A s²/rad).
 
         Parameters
@@ -156,7 +156,7 @@ class Model:
         ratio = float(values[self._index["transmission.ratio"]])
         return driven(float(values[own]), ratio, float(values[self._index["cart.mass"]]))
 
-    def vector(self) -> NDArray[np.float64]:
+    def vector(self) -> Array:
         """All values in their fixed order, float64."""
         return np.array([item.value for item in self.parameters.values()])
 
@@ -192,7 +192,7 @@ class Model:
             changed[name] = replace(old, value=float(value), low=low, high=high, interval=None, origin=origin or old.origin)
         return replace(self, parameters={**self.parameters, **changed})
 
-    def with_vector(self, vector: NDArray[np.float64]) -> Model:
+    def with_vector(self, vector: Array) -> Model:
         """Model with the values of :meth:`vector`, kept within their bounds.
 
         Parameters

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, BoolArray
 
 #: Share of samples at the end of the torque's range from which a record counts as clipped.
 CLIPPED_SHARE = 0.02
@@ -160,7 +160,7 @@ def clipped_share(torque: Array, setpoint: Array | None, amplitude: float | None
     return float(np.mean(at_end)) if len(entries) and np.median(jumps) > 3.0 * smallest else 0.0
 
 
-def _by_chance(at_end: NDArray[np.bool_], noise_steps: float) -> bool:
+def _by_chance(at_end: BoolArray, noise_steps: float) -> bool:
     """True if noise alone may put that many neighbours at one value.   noise_steps : median deviation, steps of the reading."""
     equal = MEDIAN_DEVIATION / (noise_steps * math.sqrt(2.0 * math.pi))  # most probable value of normal noise, for one neighbour
     return float(equal ** np.count_nonzero(at_end[1:] & at_end[:-1])) > CHANCE
@@ -385,7 +385,7 @@ def running_mean(signal: Array, width: int) -> Array:
     return (total[width:] - total[:-width]) / width
 
 
-def _in_runs_of_one(signal: Array) -> NDArray[np.bool_]:
+def _in_runs_of_one(signal: Array) -> BoolArray:
     """Samples that stand in a run of CLIPPED_RUN equal ones at least."""
     same = np.concatenate(([False], np.diff(signal) == 0.0, [False]))
     edges = np.flatnonzero(np.diff(same.astype(np.int8)))
@@ -395,7 +395,7 @@ def _in_runs_of_one(signal: Array) -> NDArray[np.bool_]:
     return found
 
 
-def _in_runs(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _in_runs(mask: BoolArray) -> BoolArray:
     """The mask without runs shorter than CLIPPED_RUN."""
     edges = np.flatnonzero(np.diff(np.concatenate(([0], mask.astype(np.int8), [0]))))
     starts, ends = edges[::2], edges[1::2]

@@ -13,9 +13,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, BoolArray
 from beltcomm.effects import EFFECTS
 from beltcomm.simulate.kernels.addresses import address
 from beltcomm.simulate.kernels.compose import import_stable
@@ -70,7 +69,7 @@ class Lane(NamedTuple):
     watch: ObserverState
 
 
-def lock_step(lanes: Sequence[Lane], on: NDArray[np.bool_], step_s: float) -> None:
+def lock_step(lanes: Sequence[Lane], on: BoolArray, step_s: float) -> None:
     """Eight lanes at most, the longest first, with one number of fine steps a sample, one transmission and the same effects.
 
     Whether the observers learn is the same in all.

@@ -112,7 +112,6 @@ class Summary:
     planned: int
     done: int
     failed: Mapping[int, str]
-    exit_codes: Mapping[int, int]
     shares: tuple[Share, ...]
     spreads: tuple[QuantitySpread, ...]
     drivers: tuple[Driver, ...]
@@ -136,9 +135,6 @@ def summary_of(lines: Sequence[Line], planned: int, targets: Mapping[str, float]
     """
     lines = sorted(lines, key=lambda line: int(line["member"]))
     failed = {int(line["member"]): str(line["error"]) for line in lines if "error" in line}
-    codes: dict[int, int] = {}
-    for line in lines:
-        codes[int(line["exit_code"])] = codes.get(int(line["exit_code"]), 0) + 1
     told = [line for line in lines if "error" not in line]
     keys = list(dict.fromkeys(key for line in told for key in line["found"]))
     flags = [key for key in keys if any(isinstance(line["found"].get(key), bool) for line in told)]
@@ -150,7 +146,6 @@ def summary_of(lines: Sequence[Line], planned: int, targets: Mapping[str, float]
         planned,
         len(lines),
         failed,
-        dict(sorted(codes.items())),
         tuple(shares),
         tuple(_spread(key, told) for key in numbers),
         tuple(_drivers(lines, [*flags[:1], *targets, "phase_margin_deg"], nominal)),

@@ -16,7 +16,6 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from beltcomm.arrays import Array
-from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.errors import Refused, UsageError
 from beltcomm.trajectory import Trajectory, phase_search
 from beltcomm.trajectory.phase_search import PHASES, Task
@@ -64,12 +63,6 @@ class MotionBounds:
                 raise UsageError(f"{name} is {value:g}; it must be {'above' if '_max_' in name else 'below'} 0")
         if self.velocity_min_m_s == self.velocity_max_m_s:
             raise UsageError("velocity_min_m_s and velocity_max_m_s are both 0; nothing could move")
-
-    @classmethod
-    def symmetric(cls, limits: TrajectoryLimits) -> MotionBounds:
-        """Limits that are equal in both directions (table A.8)."""
-        v, a, j = limits.speed_m_s, limits.acceleration_m_s2, limits.jerk_m_s3
-        return cls(-v, v, -a, a, -j, j)
 
     def mirrored(self) -> MotionBounds:
         """Those of the same motion the other way."""

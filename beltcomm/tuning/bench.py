@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, BoolArray
 from beltcomm.control import Cascade, Prefilter
 from beltcomm.design.cascade import DesignResult, best_cascade, candidate_prefilters
 from beltcomm.design.design_plant import DesignPlant
@@ -243,7 +242,7 @@ class FeasibilityTable:
 
     margins_deg: Array
     suppressions_db: Array
-    possible: NDArray[np.bool_]
+    possible: BoolArray
 
 
 @dataclass(frozen=True)
@@ -311,7 +310,7 @@ def _way(name: str, value: float, pieces: list[tuple[float, float]]) -> str:
     return f"{TITLES[name]} {'at most' if value > high else 'at least'} {high if value > high else low:.1f} {unit}"
 
 
-def _pieces(values: Array, possible: NDArray[np.bool_]) -> list[tuple[float, float]]:
+def _pieces(values: Array, possible: BoolArray) -> list[tuple[float, float]]:
     """Runs of neighbours that are possible."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], possible, [False]])))
     return [(float(values[start]), float(values[end - 1])) for start, end in edges.reshape(-1, 2)]

@@ -10,11 +10,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.fit.noise.colour import NoiseColour
-
-Array = NDArray[np.float64]
 
 #: Share of the largest coefficient below which one is 0.
 NOTHING = 1e-7

@@ -7,11 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.recording import Recording
-
-Array = NDArray[np.float64]
 
 #: Order of the differences that a smooth torque hardly has, and the higher ones that a fast but smooth excitation has less of.
 ORDER, HIGHER = 4, (6, 8)

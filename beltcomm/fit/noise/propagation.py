@@ -30,10 +30,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
+from beltcomm.arrays import Array, IntArray
 from beltcomm.model import Model
 from beltcomm.model.linear import Matrices, carriage_of, matrices, operating_point, stretch_of, values_of
 
-Array = NDArray[np.float64]
 Complex = np.ndarray[Any, np.dtype[np.complex128]]
 
 #: What makes the covariance at the first sample.
@@ -110,7 +110,7 @@ class NoiseSchedule:
     """
 
     paths: tuple[NoisePath, ...]
-    level: NDArray[np.int64]
+    level: IntArray
 
 
 def noise_schedule(model: Model, places_m: Array, sample_s: float, left: Array | None = None) -> NoiseSchedule:

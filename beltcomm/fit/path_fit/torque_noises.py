@@ -22,13 +22,12 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.fit.noise.decimation import decimate
 from beltcomm.fit.residual.segment import Segment
 from beltcomm.fit.torque.reading_fit import CLEAR
 
-Array = NDArray[np.float64]
 Complex = np.ndarray[Any, np.dtype[np.complex128]]
 
 #: Samples of a part of r whose periodogram is taken, long beside any correlation: the most of which records hold enough parts.

@@ -25,8 +25,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.compiled import compiled
 from beltcomm.fit.noise.process_torque import Unread
 from beltcomm.fit.noise.propagation import AROUND, POINTS, Complex, NoisePath, at_roots, noise_path, stiffness_levels
@@ -35,7 +35,6 @@ from beltcomm.fit.residual.segment import Segment
 from beltcomm.model import Model
 from beltcomm.model.mounted import Mounted, loaded_model
 
-Array = NDArray[np.float64]
 #: Place, m, sampling period, s, and load of a record.
 Where = tuple[float, float, Mounted | None]
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from beltcomm.arrays import Array, BoolArray
 from beltcomm.compiled import compiled
 from beltcomm.fit.noise.colour import WHITE_NOISE, NoiseColour
 from beltcomm.fit.noise.decimation import decimate, decimate_torque, decimated_noise, decimation, smallest_step
@@ -53,8 +54,6 @@ from beltcomm.simulate.inverse import (
     true_motion,
 )
 from beltcomm.simulate.kernels.mean import ABSURD_NM
-
-Array = NDArray[np.float64]
 
 #: rad/s at the motor: below this speed anywhere within a sample the motor may be sticking.  Three encoder steps of a 65536-count
 #: encoder per millisecond; on simulated axes 0.1 still lets sticking samples through and 0.2 to 0.8 give equal residuals.
@@ -128,7 +127,7 @@ class Segment:
     position: Array
     torque: Array
     motion: FineMotion
-    keep: NDArray[np.bool_]
+    keep: BoolArray
     noise_nm: float
     step_rad: float
     offset_m: float
@@ -622,7 +621,7 @@ def whitener_of(segment: Segment, model: Model) -> Whitener:
     return whitener(segment.keep, noise_paths_of(segment, model), segment.step_rad, segment.noise_nm, segment.rounding, segment.colour)
 
 
-def group_starts(keep: NDArray[np.bool_], size: int) -> NDArray[np.intp]:
+def group_starts(keep: BoolArray, size: int) -> NDArray[np.intp]:
     """Places, among the kept samples, of the first of every so many neighbours in time.
 
     The sum of neighbouring values of the whitened residual over √size is white again and holds the lower 1/size of the frequencies: above

@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.model import Model
 from beltcomm.model.linear import belt_at, values_of
 from beltcomm.simulate.inverse import FineMotion, belt_load, true_motion
-
-Array = NDArray[np.float64]
 
 #: Stretches at which the laws are looked up, and how often their range is doubled until it holds the largest force.
 STRETCHES, DOUBLED = 2001, 8

@@ -8,10 +8,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 from scipy.optimize import minimize, nnls
 
+from beltcomm.arrays import Array
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.fit.noise.level import torque_noise
@@ -24,8 +24,6 @@ from beltcomm.model import BASE_BODIES, Model, build_model, expected_parameters
 from beltcomm.model.value import Value
 from beltcomm.recording import Recording
 from beltcomm.simulate.stopping import unknown_loads_kg, usual_load_kg
-
-Array = NDArray[np.float64]
 
 #: The effects that every belt axis gets; what else is needed is found by comparing with measurements.  Viscous friction of the
 #: carriage is not among them: seen from the motor it differs from that of the motor only next to the antiresonance.

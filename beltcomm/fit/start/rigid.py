@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import nnls
 
+from beltcomm.arrays import Array
 from beltcomm.errors import DataError
 from beltcomm.fit.noise.decimation import smallest_step
 from beltcomm.fit.start.low_pass import legible
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-
-Array = NDArray[np.float64]
 
 #: Rows that a record needs for least squares.
 SHORTEST = 20

@@ -16,17 +16,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
+from beltcomm.arrays import Array
 from beltcomm.errors import DataError
 from beltcomm.model import Model
 from beltcomm.model.linear import fastest_rate, operating_point
 from beltcomm.recording import Recording
 from beltcomm.simulate.forward import integrate_torque
-
-Array = NDArray[np.float64]
 
 #: How far each parameter may be from what is known before, standard deviation of its logarithm; others stay as they are.
 BEFORE: Mapping[str, float] = {

@@ -10,14 +10,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from beltcomm.arrays import Array
 from beltcomm.fit.noise.level import LEAST_COLOUR, MOST_COLOUR, correlation
 from beltcomm.fit.torque.path import DriveLaw, Kind, Lag, torque_at
 from beltcomm.recording import Recording
 
-Array = NDArray[np.float64]
 #: Setpoint and reading, (n,) each, N m.
 Pair = tuple[Array, Array]
 

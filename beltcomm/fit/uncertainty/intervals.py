@@ -18,9 +18,9 @@ from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from beltcomm.arrays import Array, BoolArray, IntArray
 from beltcomm.effects import other_load
 from beltcomm.errors import DataError
 from beltcomm.fit.estimate import INERTIA, Fitted
@@ -28,8 +28,6 @@ from beltcomm.fit.likelihood.problem import Nuisance, Problem, time_blocks
 from beltcomm.fit.records import rounding_torque
 from beltcomm.fit.uncertainty.noise_information import noise_information
 from beltcomm.model import Model
-
-Array = NDArray[np.float64]
 
 #: s; groups between which the gradient is taken as independent.
 GROUP_S = 2.0
@@ -217,10 +215,10 @@ def information_of(fitted: Fitted) -> Information:
     return Information(names, scale, scores, pulls, parts, inverse, unknown, float(np.mean(left**2)), elsewhere)
 
 
-def at_bound(fitted: Fitted) -> NDArray[np.bool_]:
+def at_bound(fitted: Fitted) -> BoolArray:
     """Parameters of a fit that sit at a bound, (n,)."""
     problem, own = fitted.problem, len(fitted.problem.free)
-    found: NDArray[np.bool_] = ((fitted.x <= problem.low + 1e-9) | (fitted.x >= problem.high - 1e-9))[:own]
+    found: BoolArray = ((fitted.x <= problem.low + 1e-9) | (fitted.x >= problem.high - 1e-9))[:own]
     return found
 
 
@@ -286,14 +284,14 @@ def inverse_of(information: Array) -> tuple[Array, Array]:
     return (vectors / np.maximum(values, least)) @ vectors.T, unseen @ unseen.T / least
 
 
-def sum_by_label(rows: Array, labels: NDArray[np.int64]) -> Array:
+def sum_by_label(rows: Array, labels: IntArray) -> Array:
     """Sum over each group, (groups, n), of (values, n)."""
     sums = np.zeros((int(labels.max()) + 1, rows.shape[1]))
     np.add.at(sums, labels, rows)
     return sums
 
 
-def records_of(problem: Problem) -> NDArray[np.int64]:
+def records_of(problem: Problem) -> IntArray:
     """Running number of the record of every value of the residual."""
     numbers = {name: i for i, name in enumerate(dict.fromkeys(piece.record for piece in problem.pieces))}
     return np.repeat([numbers[piece.record] for piece in problem.pieces], [len(piece.value_samples) for piece in problem.pieces])

@@ -9,15 +9,13 @@ on the samples as they are; thousands of samples make its scatter small.   Sourc
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, IntArray
 from beltcomm.compiled import compiled
 from beltcomm.fit.likelihood.problem import Problem
 from beltcomm.fit.noise.whitening import noises
 from beltcomm.fit.residual.segment import Segment, noise_paths_of, whitener_of
 from beltcomm.model import Model
-
-Array = NDArray[np.float64]
 
 
 def noise_information(problem: Problem, x: Array, weights: Array) -> Array:
@@ -62,7 +60,7 @@ def draw_of_noise(piece: Segment, model: Model, seed: int) -> Array:
 
 
 @compiled
-def _noise_response(f: Array, g: Array, h: Array, d: Array, level: NDArray[np.int64], drawn: Array) -> Array:
+def _noise_response(f: Array, g: Array, h: Array, d: Array, level: IntArray, drawn: Array) -> Array:
     """e[n], N m at the motor shaft, of drawn noises ε, rad, and w, N m; (n, m) -> (n,)."""
     size = h.shape[1]
     s, moved, out = np.zeros(size), np.zeros(size), np.zeros(drawn.shape[0])

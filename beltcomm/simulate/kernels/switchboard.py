@@ -10,7 +10,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, BoolArray
 from beltcomm.effects import EFFECTS, Effect, effect_named
 from beltcomm.model import expected_parameters
 from beltcomm.simulate.kernels.plain_belt import PLAIN, knows
@@ -49,9 +49,9 @@ class Switchboard:
     """
 
     places: NDArray[np.intp]
-    on: NDArray[np.bool_]
-    motor: NDArray[np.bool_]
-    belt: NDArray[np.bool_]
+    on: BoolArray
+    motor: BoolArray
+    belt: BoolArray
     delays: tuple[tuple[Callable[..., Array], tuple[int, ...]], ...]
     readings: tuple[tuple[Callable[..., Array], tuple[int, ...]], ...]
     bent: bool
