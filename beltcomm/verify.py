@@ -15,6 +15,7 @@ from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.effects.tilt import GRAVITY_M_S2
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.model import Model
+from beltcomm.model.value import NORMAL_95
 from beltcomm.recording import Recording
 from beltcomm.simulate.loop import LoopDrive, close_loop
 from beltcomm.simulate.plant import SimulatedPlant
@@ -269,7 +270,7 @@ def _drawn(model: Model, random: np.random.Generator) -> Model:
     stays where the fit has both.
     """
     known = {n: p for n, p in model.parameters.items() if p.interval is not None and p.interval < 0.5 * (p.high - p.low)}
-    deviates = random.standard_normal(len(known)) / 1.96
+    deviates = random.standard_normal(len(known)) / NORMAL_95
     return model.with_values(
         {n: float(np.clip(p.value + d * (p.interval or 0.0), p.low, p.high)) for (n, p), d in zip(known.items(), deviates, strict=True)}
     )

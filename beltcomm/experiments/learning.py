@@ -17,6 +17,7 @@ from beltcomm.experiments.proving import verify_move
 from beltcomm.experiments.verification import in_drive
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
+from beltcomm.model.value import NORMAL_95
 from beltcomm.recording import Recording
 from beltcomm.sending import Sending
 from beltcomm.simulate.stopping import total_friction
@@ -205,7 +206,8 @@ def _drawn(model: Model, random: np.random.Generator) -> Model:
             STIFFNESS if "stiffness" in name else MASS if name in ("cart.mass", "motor.inertia") else DAMPING if "damping" in name else 0.0
         )
         value = (
-            one.value * (1.0 + random.uniform(-beside, beside)) + min(one.interval, 0.5 * abs(one.value)) * random.standard_normal() / 1.96
+            one.value * (1.0 + random.uniform(-beside, beside))
+            + min(one.interval, 0.5 * abs(one.value)) * random.standard_normal() / NORMAL_95
         )
         values[name] = float(np.clip(value, one.low, one.high))
     return model.with_values(values)

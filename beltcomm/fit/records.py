@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, robust_deviation
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.fit.loads import mounted_by
@@ -618,7 +618,7 @@ def repeat_noise(recordings: Sequence[Recording], step_rad: float) -> float:
         places = np.linspace(low, high, FEWEST)
         rows = [np.interp(places, *by_place(r.position[c], r.torque[c])) for r, c in ((one, first), (two, second))]
         left = (rows[0] - rows[1]) / np.sqrt(2.0)
-        found.append(1.4826 * float(np.median(np.abs(left - np.median(left)))))
+        found.append(robust_deviation(left - np.median(left)))
     return float(min(found, default=0.0))
 
 

@@ -14,6 +14,7 @@ from beltcomm.fit.model_fit import ModelFit, fit_model
 from beltcomm.fit.start.undersampled import LATE_S, SeldomEstimate, comes_seldom, estimate
 from beltcomm.fit.uncertainty.nuisance import released
 from beltcomm.model import Model
+from beltcomm.model.value import NORMAL_95
 from beltcomm.recording import Recording
 
 #: Rounding of the encoder in a second difference of its angle, in its steps.
@@ -58,7 +59,7 @@ class SeldomFit(ModelFit):
     @property
     def quantile(self) -> float:
         """Half width of a 95 % interval in standard deviations."""
-        return 1.96
+        return NORMAL_95
 
     @cached_property
     def correlation(self) -> Array:

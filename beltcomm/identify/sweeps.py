@@ -16,7 +16,7 @@ from scipy.special import stdtrit
 
 from beltcomm.errors import DataError
 from beltcomm.identify.friction import FrictionFit, Plateau, find_plateaus, fit_friction
-from beltcomm.model.value import Value
+from beltcomm.model.value import NORMAL_95, Value
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar
 
@@ -31,8 +31,6 @@ FEWEST_SPEEDS = 3
 SAME_SPEED = 2e-3
 #: Residual degrees of freedom that a drift needs.
 FEWEST_LEFT = 4
-#: Half a 95 % interval over the standard deviation, of many samples.
-NORMAL = 1.96
 
 
 @dataclass(frozen=True)
@@ -365,11 +363,11 @@ def load_dependence(groups: Mapping[str, tuple[float, Sequence[FrictionFit]]]) -
     slopes, means = {}, {}
     for name in ("viscous", "coulomb"):
         values = [np.array([getattr(fit, name).value for fit in fits]) for _, fits in groups.values()]
-        within = [np.mean([(getattr(fit, name).interval / NORMAL) ** 2 for fit in fits]) for _, fits in groups.values()]
+        within = [np.mean([(getattr(fit, name).interval / NORMAL_95) ** 2 for fit in fits]) for _, fits in groups.values()]
         between = sum(float(np.sum((v - v.mean()) ** 2)) for v in values) / repeats if repeats else 0.0
         variance = np.maximum(np.array(within), between) / counts
         mean = np.array([v.mean() for v in values])
-        quantile = float(stdtrit(repeats, 0.975)) if repeats else NORMAL
+        quantile = float(stdtrit(repeats, 0.975)) if repeats else NORMAL_95
         regressor = np.column_stack([np.ones(len(loads)), loads])
         covariance = np.linalg.inv(regressor.T @ (regressor / variance[:, None]))
         estimate = covariance @ (regressor.T @ (mean / variance))

@@ -58,7 +58,7 @@ def coupling_candidate(data: Data, current: Fitted, axis: Axis) -> Candidate | N
     """
     if current.objective <= FAR_OFF * current.problem.samples or not may_be_coupled(current):
         return None
-    if data.path.unseen:  # fast torque is a guess without the setpoint, and a coupling shows itself nowhere else
+    if data.path.without_setpoint:  # fast torque is a guess without the setpoint, and a coupling shows itself nowhere else
         return None
     found = grown_by_coupling(data, current, axis)
     if found is None:

@@ -31,7 +31,7 @@ SLOTS = {effect.name: effect.slot for effect in EFFECTS}
 DRIVE_SLOTS, FAR_OFF_BASE = ("torque_delay", "torque_reading"), 10.0
 OF_DRIVE = frozenset(name for name, slot in SLOTS.items() if slot in DRIVE_SLOTS)
 #: Time constant of a current loop over the sampling period of which no more than e⁻⁴ is left when the torque is read at the period's end.
-SETTLED = 0.25
+WITHIN_SAMPLE = 0.25
 #: Share of the noise's power from which on it is mostly rounding.
 MOSTLY_ROUNDING = 0.5
 #: Share of the sampling rate up to which a resonance is sampled well enough.
@@ -60,7 +60,7 @@ def restrict_to_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tupl
     sentence = unknown_delivery(found, recordings)
     if sentence and found.verdict != "nothing missing":
         return without_names(found, OF_DRIVE), [sentence]
-    if sentence := settled_loop(found) or structure_of_rounding(found):
+    if sentence := current_loop_within_sample(found) or structure_of_rounding(found):
         return replace(found, verdict="cannot tell"), [sentence]
     unnamed = not_named(found.base.model, recordings)
     if not unnamed:
@@ -153,11 +153,11 @@ def unknown_delivery(found: Diagnosis, recordings: Sequence[Recording]) -> str:
     )
 
 
-def settled_loop(found: Diagnosis) -> str:
+def current_loop_within_sample(found: Diagnosis) -> str:
     """That a lag may be the drive's own current loop, whose torque is read when it has settled, in words; "" where it is none."""
     path, time_s = found.data.path, found.final_fit.model.get("current_lag.time")
     shaped = path.drive is None or bool(path.drive.lags) or not path.read_as_acts
-    if found.added_effects != ["current_lag"] or shaped or abs(time_s) > SETTLED * found.data.recordings[0].sample_period_s:
+    if found.added_effects != ["current_lag"] or shaped or abs(time_s) > WITHIN_SAMPLE * found.data.recordings[0].sample_period_s:
         return ""
     return (
         f"A lag of {1e3 * time_s:.2g} ms explains it, and a current loop as fast as that has settled when the drive reads its torque: "

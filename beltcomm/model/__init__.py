@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from beltcomm.effects.rigid_load import driven
 from beltcomm.errors import UsageError
 from beltcomm.model.value import Value
 from beltcomm.plant.drive_section import IDEAL, Instruments, drive_section, drive_values
+from beltcomm.recording.columns import Side
 
 #: Bodies that need no effect.  The first body of a model is the driven one.
 BASE_BODIES = {
@@ -32,7 +33,6 @@ BASE_BODIES = {
 }
 TRANSMISSION = Parameter("ratio", "m/rad", "motor", 0.0125, 1e-5, 10.0, "i_t = r/i_g: travel per radian of the motor (2.16)")
 
-Side = Literal["motor", "load", "ampere", "volt"]
 #: N m/A, N m/V and m/rad, usual values: they only carry bounds and start values over to another side.
 _USUAL_CONSTANT, _USUAL_GAIN, _USUAL_RATIO = 0.1, 0.05, 0.0125
 #: Unit on the motor side -> (unit, factor of usual numbers) on another one.

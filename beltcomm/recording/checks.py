@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.arrays import Array, BoolArray
+from beltcomm.arrays import Array, BoolArray, robust_deviation
 
 #: Share of samples at the end of the torque's range from which a record counts as clipped.
 CLIPPED_SHARE = 0.02
@@ -86,7 +86,7 @@ def long_steps(t_s: Array) -> NDArray[np.intp]:
     """
     steps = np.diff(t_s)
     period = float(np.median(steps))
-    spread = 1.4826 * float(np.median(np.abs(steps - period)))
+    spread = robust_deviation(steps - period)
     return np.flatnonzero(steps > max(1.5 * period, period + SPREADS * spread))
 
 

@@ -12,11 +12,12 @@ import numpy as np
 from scipy.special import betaincinv
 
 from beltcomm.arrays import Array
+from beltcomm.model.value import NORMAL_95
 
 #: Quantiles told.
 QUANTILES = (0.05, 0.5, 0.95)
 #: Members named as the worst; fewest members from which a rank correlation is told; what its 95 % interval is made with.
-WORST, FEWEST, NORMAL = 5, 10, 1.96
+WORST, FEWEST = 5, 10
 #: How a driver is named that is the distance of a parameter from its nominal value.
 DISTANCE = "distance from nominal of"
 #: What a larger value of is better; of all else a smaller one is.
@@ -205,7 +206,7 @@ def _driver(label: str, key: str, drawn: Array, results: Sequence[float | None])
     if len(x) < FEWEST or min(len(np.unique(x)), len(np.unique(y))) < 2:
         return None
     rho = float(np.corrcoef(_ranks(x), _ranks(y))[0, 1])
-    half = NORMAL * math.sqrt((1.0 + 0.5 * rho**2) / (len(x) - 3))
+    half = NORMAL_95 * math.sqrt((1.0 + 0.5 * rho**2) / (len(x) - 3))
     z = math.atanh(min(max(rho, -1.0 + 1e-12), 1.0 - 1e-12))
     return Driver(label, key, rho, math.tanh(z - half), math.tanh(z + half))
 

@@ -63,7 +63,7 @@ def paths(draw: st.DrawFn, deep: int = 2) -> TorquePath:
     drive = DriveLaw(draw(st.floats(0, 20)), draw(lags()), draw(positive), draw(st.floats(0, 1))) if draw(st.booleans()) else None
     reading = ReadingLaw(draw(st.floats(0, 20)), draw(lags()), draw(st.booleans()))
     rivals = tuple(draw(st.lists(paths(deep - 1), max_size=2))) if deep else ()
-    return TorquePath(drive, reading, draw(st.booleans()), draw(st.floats(0, 1)), unseen=draw(st.booleans()), rivals=rivals)
+    return TorquePath(drive, reading, draw(st.booleans()), draw(st.floats(0, 1)), without_setpoint=draw(st.booleans()), rivals=rivals)
 
 
 @given(paths(), homes)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, robust_deviation
 from beltcomm.fit.noise.decimation import smallest_step
 from beltcomm.recording import Recording
 
@@ -88,4 +88,4 @@ def white_step(position: Array) -> float:
         Not below the step in which the angle is read.
     """
     rough = np.diff(position, 4)
-    return max(1.4826 * float(np.median(np.abs(rough))) * math.sqrt(12.0 / 70.0), smallest_step(position))
+    return max(robust_deviation(rough) * math.sqrt(12.0 / 70.0), smallest_step(position))

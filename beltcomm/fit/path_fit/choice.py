@@ -23,8 +23,9 @@ from beltcomm.fit.path_fit.late_motion import effect_between
 from beltcomm.fit.path_fit.values import columns_of, refine_path
 from beltcomm.fit.records import Data, prepare_records, rounding_torque
 from beltcomm.fit.torque.path import DriveLaw, Lag, ReadingLaw, TorquePath
-from beltcomm.fit.torque.reading_fit import CLEAR, COMMAND, NORMAL_95, WHOLE, ReadingFit
+from beltcomm.fit.torque.reading_fit import CLEAR, COMMAND, WHOLE, ReadingFit
 from beltcomm.model import Model
+from beltcomm.model.value import NORMAL_95
 from beltcomm.recording import Recording
 
 #: Times its lower bound up to which an inertia is nothing.
@@ -46,7 +47,7 @@ LOOP_SHARES = (0.03, 0.1, 0.25, 0.5, 1.0)
 #: Lateness of a reading without setpoint that is tried, in sampling periods; between the last two neighbours cancel.
 LATE_SHARES = (0.08, 0.2, 0.35, 0.65, 0.8, 1.0)
 #: Shares of the period at which the command may change where no setpoint was recorded; things not ideal that a path may have then.
-SWITCHING, UNSEEN_AT_MOST = (0.1, 0.3, 0.5, 0.7, 0.9), 3
+SWITCHING, MOST_WITHOUT_SETPOINT = (0.1, 0.3, 0.5, 0.7, 0.9), 3
 #: Share that is new in each sample of a reading whose filter hardly shows.
 NEARLY_NEW = 0.9
 #: Damping ratios of a current loop that are tried.
@@ -290,7 +291,7 @@ def _differ(one: TorquePath, other: TorquePath, sample_s: float) -> bool:
     """True if by two paths the torque acts at different times."""
 
     def ahead_s(path: TorquePath) -> float:
-        if path.unseen or path.drive is None:
+        if path.without_setpoint or path.drive is None:
             return path.reading.delay_s(sample_s)
         return -path.drive.delay_s(sample_s)
 
@@ -330,10 +331,10 @@ def _best_time_constant(
 def _undone(data: Data, start: Model, to_fit: Sequence[Recording]) -> PathChoice:
     """Without setpoint: what the motion asks for of a drive and a reading that are not ideal, one thing after the other."""
     lively = _liveliest(to_fit)
-    families = unseen_families(lively[0].sample_period_s)
-    path = TorquePath(unseen=True)
+    families = families_without_setpoint(lively[0].sample_period_s)
+    path = TorquePath(without_setpoint=True)
     choice = PathChoice(path, None, _fit_by(data, lively, start, path))
-    for number in range(UNSEEN_AT_MOST):
+    for number in range(MOST_WITHOUT_SETPOINT):
         assert choice.fitted is not None
         if number and choice.fitted.ratio <= GOOD:
             break
@@ -354,7 +355,7 @@ def _best_value(
     return min(((path, _fit_by(data, recordings, start, path)) for path in paths), key=lambda trial: _level(trial[1], first.fitted))
 
 
-def unseen_families(sample_s: float) -> tuple[Callable[[TorquePath], list[TorquePath]], ...]:
+def families_without_setpoint(sample_s: float) -> tuple[Callable[[TorquePath], list[TorquePath]], ...]:
     """Paths without setpoint that have one thing more than another one, for each kind of thing; none where it has that already.
 
     A reading behind a filter, at the end of the period; a late one; a current loop; one whose reading is the torque at the end of the
@@ -407,7 +408,7 @@ def _motion_asks_for_path(data: Data, fitted: Fitted) -> bool:
     sample_s = data.recordings[0].sample_period_s
     late, filtered = ReadingLaw(LATE_SHARES[0]), ReadingLaw(0.0, (Lag("sampled", (NEARLY_NEW,)),))
     loop = DriveLaw(0.0, (Lag("first order", (LOOP_SHARES[0] * sample_s,)),))
-    drives = (TorquePath(law, unseen=True) for law in (loop, DriveLaw(SWITCHING[0])))
+    drives = (TorquePath(law, without_setpoint=True) for law in (loop, DriveLaw(SWITCHING[0])))
     for path in (*drives, TorquePath(None, late), TorquePath(None, filtered)):
         columns = columns_of(replace(data, path=path), fitted)
         if columns is not None and np.any(columns):
@@ -421,7 +422,7 @@ def _motion_asks_for_path(data: Data, fitted: Fitted) -> bool:
 def _by_motion(data: Data, start: Model, to_fit: Sequence[Recording], chain: ReadingFit | None) -> PathChoice:
     """The reading is the command: what lies between it and the torque is told by the motion alone."""
     lively, law = _liveliest(to_fit), DriveLaw(0.0) if chain is None else chain.law
-    plain, sample_s = TorquePath(law, commanded=True, unseen=chain is None), lively[0].sample_period_s
+    plain, sample_s = TorquePath(law, commanded=True, without_setpoint=chain is None), lively[0].sample_period_s
 
     def behind(time_s: float, half_s: float) -> TorquePath:
         return replace(plain, drive=replace(law, lags=(*law.lags, Lag("first order", (time_s,), (half_s,)))))

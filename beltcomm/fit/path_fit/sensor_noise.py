@@ -17,15 +17,16 @@ from functools import partial
 
 import numpy as np
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, ComplexArray
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.noise.decimation import decimate
 from beltcomm.fit.noise.level import LEAST_COLOUR, MOST_COLOUR, correlation, robust_rms, torque_step
 from beltcomm.fit.noise.process_torque import ProcessTorque, correlation_time
-from beltcomm.fit.path_fit.torque_noises import Complex, NoisesFit, NoisesProblem, RestPart
+from beltcomm.fit.path_fit.torque_noises import NoisesFit, NoisesProblem, RestPart
 from beltcomm.fit.records import Data
-from beltcomm.fit.torque.reading_fit import CLEAR, NORMAL_95
+from beltcomm.fit.torque.reading_fit import CLEAR
 from beltcomm.model import Model
+from beltcomm.model.value import NORMAL_95
 from beltcomm.recording import Recording
 
 #: Least share of the difference that is the sensor's, and deviations by which a share must be known.
@@ -119,7 +120,7 @@ def _two_noises(data: Data, model: Model, parts: Sequence[RestPart], total: floa
     return NoiseSplit(sensor_nm, found.process_nm, spread.sensor_nm, found.sensor_pole, process)
 
 
-def _between(model: Model, sample_s: float, z: Complex) -> Complex:
+def _between(model: Model, sample_s: float, z: ComplexArray) -> ComplexArray:
     """Response of what a model has between reading and motion, at z⁻¹ = e^(-iωT)."""
     omega = -np.angle(z) / sample_s
     found = np.ones_like(z)

@@ -23,6 +23,7 @@ from beltcomm.arrays import Array
 from beltcomm.errors import DataError
 from beltcomm.model import Model
 from beltcomm.model.linear import fastest_rate, operating_point
+from beltcomm.model.value import NORMAL_95
 from beltcomm.recording import Recording
 from beltcomm.simulate.forward import integrate_torque
 
@@ -217,11 +218,11 @@ def estimate(recordings: Sequence[Recording], start: Model, late_s: float, names
     rest = left(at)
     slopes = np.stack([(left(at + DIFFERENCE * axis) - rest) / DIFFERENCE for axis in np.eye(len(at))], axis=1)
     spread = _sandwich(rest, slopes, width, scatter, [(len(one.measured), one.sample_s) for one in rows])
-    late_half_s, spread = 1.96 * LATE_S * math.sqrt(spread[-2:, -2:].sum()), spread[:-2, :-2]
+    late_half_s, spread = NORMAL_95 * LATE_S * math.sqrt(spread[-2:, -2:].sum()), spread[:-2, :-2]
     model = model_of(at)
     scale = np.append(values_of(at)[:k], [SIGNED[n] for n in names[k:]])
-    covariance = spread * np.outer(scale, scale) + np.diag((LAW / 1.96 * values_of(at)) ** 2)
-    half = 1.96 * np.sqrt(np.diag(covariance))
+    covariance = spread * np.outer(scale, scale) + np.diag((LAW / NORMAL_95 * values_of(at)) ** 2)
+    half = NORMAL_95 * np.sqrt(np.diag(covariance))
     told = {n: replace(model.parameters[n], interval=float(h)) for n, h in zip(names, half, strict=True)}
     inertia = model["motor.inertia"] + model["transmission.ratio"] ** 2 * model["cart.mass"]
     parts = np.split(rest, np.cumsum([len(one.measured) for one in rows])[:-1])

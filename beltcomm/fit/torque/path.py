@@ -276,7 +276,7 @@ class TorquePath:
         Whether the reading is only the command.
     acts : float
         Share of what the reading differs from the setpoint's part by that acts and is no noise of the sensor; 1 where nobody knows.
-    unseen : bool
+    without_setpoint : bool
         Whether no setpoint was recorded: then the delay is known to whole periods only, and all else is told by the motion.
     rivals : tuple of TorquePath
         Other paths that the records do not tell from this one.
@@ -288,7 +288,7 @@ class TorquePath:
     reading: ReadingLaw = field(default_factory=ReadingLaw)
     commanded: bool = False
     acts: float = 1.0
-    unseen: bool = False
+    without_setpoint: bool = False
     rivals: tuple[TorquePath, ...] = field(default=(), compare=False)
     process: ProcessTorque | None = None
 
@@ -373,7 +373,7 @@ class TorquePath:
         ValueError
             For a path that cannot be undone.
         """
-        if self.commanded or (self.reading.faithful and self.drive is None) or not (self.unseen or self.drive is None):
+        if self.commanded or (self.reading.faithful and self.drive is None) or not (self.without_setpoint or self.drive is None):
             return self._beside_setpoint(pole, sample_s)
         shown, cells, poles = self._answers(sample_s)
         rising = (np.arange(CELLS) + 0.5) / CELLS**2  # the residual has the triangular mean of the torque over two periods
@@ -447,7 +447,7 @@ class TorquePath:
 
     @property
     def _law(self) -> DriveLaw:
-        """Law from an unseen setpoint, whose delay is less than a period, or from the command that is read."""
+        """Law from a setpoint that was not recorded, whose delay is less than a period, or from the command that is read."""
         law = self.drive or DriveLaw(0.0)
         if self.commanded:
             return law
@@ -456,7 +456,7 @@ class TorquePath:
         )
 
     def _answers(self, sample_s: float) -> tuple[Array, Array, tuple[complex, ...]]:
-        """Answers to an unseen setpoint that is 1 for a period, of the reading and of the torque in each cell; their poles."""
+        """Answers of reading and torque in each cell to a setpoint, not recorded, that is 1 for a period; their poles."""
         law = self._law
         poles = tuple(pole for lag in (*law.lags, *self.reading.lags) for pole in lag.poles(sample_s))
         pulse = np.zeros(_length(poles))
@@ -507,7 +507,7 @@ def path_to_dict(path: TorquePath) -> dict[str, Any]:
         "reading": {"late": float(path.reading.late), "lags": lags(path.reading), "at_end": path.reading.at_end},
         "commanded": path.commanded,
         "acts": float(path.acts),
-        "unseen": path.unseen,
+        "unseen": path.without_setpoint,
         "rivals": [path_to_dict(rival) for rival in path.rivals],
         **process_to_dict(path.process),
     }
