@@ -12,8 +12,8 @@ import numpy as np
 from beltcomm.drive import FOLLOWING_ERROR_S, Array, Capabilities, Limits, Motion
 from beltcomm.drive.objects import name_of
 from beltcomm.errors import DriveError, ObjectRefused, Refused, UsageError
-from beltcomm_adapters.borrowed import HOMING
 from beltcomm_adapters.cia402 import StateMachine
+from beltcomm_adapters.gains import HOMING
 from beltcomm_adapters.host_reaction import heed
 from beltcomm_adapters.identification import sync_period_s
 from beltcomm_adapters.link import HOST_NODE

@@ -11,8 +11,7 @@ from beltcomm.arrays import Array
 from beltcomm.errors import NoMotion, Refused, SafetyStop
 from beltcomm.experiments.phases import BELT_SHARE, excitation_envelope, motion_limits, without_offset
 from beltcomm.experiments.recentre import QUIETER, may_not_excite, stands_after
-from beltcomm.fit.start.first_estimate import data_sheet_model, moves_enough, stiffness_range
-from beltcomm.fit.start.first_path import first_path
+from beltcomm.fit.start.first_estimate import data_sheet_model, first_path, moves_enough, stiffness_range
 from beltcomm.fit.torque.acting_torque import acting_recording
 from beltcomm.identify.amplitude import (
     AmplitudeStep,

@@ -23,7 +23,7 @@ from beltcomm.model import Model
 from beltcomm.simulate.loop import close_loop
 from beltcomm.simulate.plant import SimulatedPlant
 from beltcomm.simulate.setpoints import SetpointGrid
-from beltcomm.simulate.stop_out_of_move import NO_STOP, OFF_THE_MODEL, References, StopOutOfMove, StopReaction, predict_stop_out_of_move
+from beltcomm.simulate.stopping import NO_STOP, OFF_THE_MODEL, References, StopOutOfMove, StopReaction, predict_stop_out_of_move
 from beltcomm.trajectory import Trajectory
 from beltcomm.verify import Loop, PredictedMove
 

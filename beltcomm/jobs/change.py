@@ -20,14 +20,13 @@ from beltcomm.fit.uncertainty.intervals import with_intervals
 from beltcomm.given import Place, pasted, place, word
 from beltcomm.jobs.rungs import base_revision, change_of, revision_of
 from beltcomm.laboratory.acceptance import drop_by
-from beltcomm.laboratory.compare import compare
+from beltcomm.laboratory.compare import compare, of_run
 from beltcomm.laboratory.coupled_bodies import COUPLING, SECTIONS, with_coupling, with_sections
 from beltcomm.laboratory.diagnosis import final_refit
-from beltcomm.laboratory.forward_selection import MISSING, with_effect
 from beltcomm.laboratory.gap_evidence import is_replaceable_gap
 from beltcomm.laboratory.law_shape import assign_body, fit_law_shapes, fixed_forms
-from beltcomm.laboratory.plain_error import of_run
 from beltcomm.laboratory.score import ground_of
+from beltcomm.laboratory.selection import MISSING, with_effect
 from beltcomm.model import Model
 from beltcomm.pages import pictures as drawn
 from beltcomm.result import Result

@@ -26,7 +26,7 @@ from beltcomm.fit.records import Data, for_coupling
 from beltcomm.fit.residual.observer import needs_observer
 from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory.acceptance import EVIDENCE, STIFFNESS, drop_by
-from beltcomm.laboratory.forward_selection import Candidate, bic_penalty, candidate, may_add
+from beltcomm.laboratory.selection import Candidate, bic_penalty, candidate, may_add
 from beltcomm.model import Model
 
 COUPLING, END_PULLEY = effect_named("coupling"), effect_named("end_pulley")

@@ -21,7 +21,7 @@ from beltcomm.fit.records import Data, negative_log_likelihood, with_process_noi
 from beltcomm.fit.residual.observer import needs_observer
 from beltcomm.fit.start.model import MOTOR_SHARE
 from beltcomm.laboratory.acceptance import STIFFNESS, drop_by
-from beltcomm.laboratory.forward_selection import Candidate, candidate, may_add
+from beltcomm.laboratory.selection import Candidate, candidate, may_add
 from beltcomm.model import Model
 
 #: m and shares of the gap; gaps, each half as much again, and the roundness of their contact that are tried.

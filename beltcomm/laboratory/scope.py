@@ -16,9 +16,8 @@ from beltcomm.effects import EFFECTS
 from beltcomm.fit.noise.level import noise_doubt
 from beltcomm.fit.uncertainty.intervals import rounded_share
 from beltcomm.identify.landmarks import shape_of
-from beltcomm.laboratory.compare import compare
+from beltcomm.laboratory.compare import compare, unexplained_words
 from beltcomm.laboratory.diagnosis import NOISE_KNOWN, NONE_EXPLAINS, Diagnosis, Stage
-from beltcomm.laboratory.plain_error import unexplained_words
 from beltcomm.laboratory.samples import units_of
 from beltcomm.model import Model
 from beltcomm.recording import Recording

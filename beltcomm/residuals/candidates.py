@@ -21,8 +21,8 @@ from beltcomm.axis import Axis
 from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, AxisSummary, Effect
 from beltcomm.fit.estimate import Fitted
-from beltcomm.laboratory.forward_selection import bic_penalty, may_add
 from beltcomm.laboratory.score import Scored, Scorer, amplitude_columns, ground_of
+from beltcomm.laboratory.selection import bic_penalty, may_add
 from beltcomm.residuals.cells import Cells
 from beltcomm.residuals.law import LawCurve, curve_of
 

@@ -27,7 +27,7 @@ from beltcomm.arrays import Array
 from beltcomm.effects import EFFECTS
 from beltcomm.model import Model
 from beltcomm.model.mounted import Mounted, loaded
-from beltcomm.simulate.intersample import Intersample
+from beltcomm.simulate.imperfect import Intersample
 from beltcomm.simulate.kernels.belt_lanes import belt_loads_in_lanes, lane_values
 from beltcomm.simulate.kernels.compose import inverse_kernel
 from beltcomm.simulate.kernels.learning import with_memory

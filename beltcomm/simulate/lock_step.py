@@ -16,7 +16,6 @@ import numpy as np
 
 from beltcomm.arrays import Array, BoolArray
 from beltcomm.effects import EFFECTS
-from beltcomm.simulate.kernels.addresses import address
 from beltcomm.simulate.kernels.compose import import_stable
 from beltcomm.simulate.kernels.observer import ObserverState
 from beltcomm.simulate.kernels.observer_lanes import (
@@ -34,7 +33,7 @@ from beltcomm.simulate.kernels.observer_lanes import (
     observers,
 )
 from beltcomm.simulate.kernels.switch_groups import blocks, indent, needed_lines
-from beltcomm.simulate.kernels.vectors import LANES, aligned_zeros
+from beltcomm.simulate.kernels.vectors import LANES, address, aligned_zeros
 from beltcomm.simulate.kernels.writer import Writer, acts_on_motor
 
 #: Fine steps of each motion that are brought beside the others' at a time: enough to read memory in rows.

@@ -14,8 +14,7 @@ from beltcomm.arrays import Array, BoolArray
 from beltcomm.control import Cascade, Prefilter
 from beltcomm.design.cascade import DesignResult, best_cascade, candidate_prefilters
 from beltcomm.design.design_plant import DesignPlant
-from beltcomm.design.held_knobs import KnobPlants, gains_of_knobs, highest_position_margin, specification_of, suppression_range
-from beltcomm.design.knobs import Knobs
+from beltcomm.design.held_knobs import KnobPlants, Knobs, gains_of_knobs, highest_position_margin, specification_of, suppression_range
 from beltcomm.design.loops import loop_shape, sample_plants
 from beltcomm.design.margins import Margins, WorstMargins, margins_on, worst_of
 from beltcomm.design.specification import Specification

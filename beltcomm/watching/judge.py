@@ -17,8 +17,8 @@ from beltcomm.errors import DataError
 from beltcomm.fit.estimate import Fitted, evaluate_at, fit, problem_of
 from beltcomm.fit.records import Data, prepare_records
 from beltcomm.fit.uncertainty.intervals import parameter_spread
-from beltcomm.laboratory.forward_selection import bic_penalty, may_add
 from beltcomm.laboratory.score import Scorer, ground_of
+from beltcomm.laboratory.selection import bic_penalty, may_add
 from beltcomm.model import Model
 from beltcomm.model.value import NORMAL_95
 from beltcomm.recording import Recording

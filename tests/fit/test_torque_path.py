@@ -11,7 +11,7 @@ import pytest
 from scipy.signal import lfilter
 
 from beltcomm.fit.torque.path import FAITHFUL, DriveLaw, Lag, ReadingLaw, TorquePath, path_from_dict, path_to_dict, torque_at
-from beltcomm.simulate.intersample import CELLS
+from beltcomm.simulate.imperfect import CELLS
 from fit.drives import FINE, behind, first_order, held, second_order, smoothed
 
 SAMPLE_S = 1e-3

@@ -15,8 +15,8 @@ from beltcomm.fit.estimate import fit
 from beltcomm.fit.records import prepare, with_process_noise
 from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory import diagnosis, gap_evidence
-from beltcomm.laboratory.forward_selection import Candidate
 from beltcomm.laboratory.gap_evidence import gap_is_supported
+from beltcomm.laboratory.selection import Candidate
 from beltcomm.model import build_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.ladder import added_notes, trial_line

@@ -71,7 +71,7 @@ def test_the_processes_of_a_study_execute_nothing_that_lies_there(hostile: Path)
 
 
 @pytest.mark.parametrize(
-    "module", quick(["compiled", "simulate.kernels.vectors", "simulate.kernels.fast_math", "simulate.kernels.addresses"], 1)
+    "module", quick(["compiled", "simulate.kernels.vectors", "simulate.kernels.fast_math", "simulate.kernels.vectors"], 1)
 )
 def test_numba_takes_no_settings_from_there(hostile: Path, tmp_path: Path, module: str) -> None:
     places = {"XDG_CACHE_HOME": str(tmp_path / "cache"), "NUMBA_CACHE_DIR": ""}

@@ -23,8 +23,7 @@ from beltcomm.rundata.findings import Findings, Settings
 from beltcomm.rundata.proof import doubts
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.sequences import EXCITATION_TRAVEL_M
-from beltcomm.simulate.stop_out_of_move import OFF_THE_MODEL, StopOutOfMove
-from beltcomm.simulate.stopping import Braking
+from beltcomm.simulate.stopping import OFF_THE_MODEL, Braking, StopOutOfMove
 from beltcomm.talk import Silence
 from beltcomm.trajectory import Trajectory, plan_trajectory
 from identify.records import true_model

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from beltcomm.arrays import Array
-from beltcomm.simulate.intersample import CELLS, Intersample
+from beltcomm.simulate.imperfect import CELLS, Intersample
 
 #: Differences that are looked at, parts that the smallest may have, deviation from whole multiples of the step, and share that keep to it.
 SMALLEST, MOST_PARTS, OFF, ON_STEPS = 60, 4, 0.2, 0.95

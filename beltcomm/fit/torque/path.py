@@ -25,10 +25,9 @@ import numpy as np
 
 from beltcomm.arrays import Array
 from beltcomm.compiled import compiled
-from beltcomm.fit.noise.colour import NoiseColour
-from beltcomm.fit.noise.deconvolution import deconvolve, undone_noise
+from beltcomm.fit.noise.colour import NoiseColour, deconvolve, undone_noise
 from beltcomm.fit.noise.process_torque import ProcessTorque, Unread, process_from_dict, process_to_dict, with_unread
-from beltcomm.simulate.intersample import CELLS, Intersample
+from beltcomm.simulate.imperfect import CELLS, Intersample
 
 #: A filter: of the drive's samples, or of continuous time and of first or second order, as a current loop is; or a limit of the slew rate.
 Kind = Literal["sampled", "first order", "second order", "slew rate"]

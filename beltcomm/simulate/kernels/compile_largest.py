@@ -7,7 +7,7 @@ import gc
 import numpy as np
 
 from beltcomm.effects import EFFECTS
-from beltcomm.simulate.kernels import ahead, cached, compose
+from beltcomm.simulate.kernels import ahead, compose
 from beltcomm.simulate.kernels.belt_lanes import belt_loads_in_lanes, lane_values
 from beltcomm.simulate.kernels.observer import NOTHING
 from beltcomm.simulate.kernels.writer import catalogue_parameters
@@ -22,8 +22,8 @@ def main() -> None:
     belt_loads_in_lanes(motion, rest, 1.0, 2, 1.0, 0.0, richest)
     note = ahead.note_file()
     if note is not None:
-        cached.write_note(note)
-        cached.prune(note)
+        ahead.write_note(note)
+        ahead.prune(note)
 
 
 if __name__ == "__main__":
