@@ -1,7 +1,4 @@
-"""A CiA 402 servo drive over CANopen, on any CAN bus that python-can opens and on the virtual one.
-
-Frames of a bus can be written down as they pass.
-"""
+"""A CiA 402 servo drive over CANopen, on any CAN bus that python-can opens and on the virtual one."""
 
 from __future__ import annotations
 
@@ -19,7 +16,7 @@ from beltcomm.drive.finding import Finding
 from beltcomm.drive.objects import DictionaryEntry
 from beltcomm.errors import BusError, DriveError, Refused, UsageError
 from beltcomm_adapters import host_reaction
-from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, MonotonicClock, is_can_bus, open_bus
+from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, LoggedBus, MonotonicClock, is_can_bus, open_bus
 from beltcomm_adapters.cia402 import State
 from beltcomm_adapters.consistency import Odometer, SpeedUnit
 from beltcomm_adapters.examination.can import examine_can
@@ -45,52 +42,9 @@ from beltcomm_adapters.profile_schema import json_schema
 from beltcomm_adapters.profiles import choose_profile, load_profile
 from beltcomm_adapters.sdo import SdoObjects
 from beltcomm_adapters.setpoints import Layout, Setpoints, layout_of
-from beltcomm_adapters.sync_source import SYNC_ID
 from beltcomm_adapters.synctime import SyncTimeBus, keeps_time_by_sync
 from beltcomm_adapters.trial import AREA, tried
 from beltcomm_adapters.watch import LimitWatch
-
-
-def _source(message: can.Message) -> str:
-    """Sender of a frame that has come: a SYNC is always this computer's."""
-    return "host" if message.arbitration_id == SYNC_ID else "node rtr" if message.is_remote_frame else "node"
-
-
-class LoggedBus(can.BusABC):
-    """A bus that calls ``log`` with (time in s, identifier, data, "host", "host rtr" or "node") for every frame sent or received.
-
-    Parameters
-    ----------
-    clock : Clock
-        Of the stamps, which are thus of one clock whatever the interface stamps with.
-    """
-
-    def __init__(self, bus: can.BusABC, clock: Clock, log: Callable[[tuple[float, int, bytes, str]], object]) -> None:
-        super().__init__(channel=bus.channel_info)
-        self.channel_info = bus.channel_info
-        self.inner, self._clock, self._log = bus, clock, log
-
-    def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send a frame.   Raises what the interface raises."""
-        self.inner.send(msg, timeout)
-        self._log((self._clock.now(), msg.arbitration_id, bytes(msg.data), "host rtr" if msg.is_remote_frame else "host"))
-
-    def recv(self, timeout: float | None = None) -> can.Message | None:
-        """The next frame, None when none came in time.   Raises what the interface raises."""
-        message = self.inner.recv(timeout)
-        if message is not None and not message.is_error_frame:
-            self._log((self._clock.now(), message.arbitration_id, bytes(message.data), _source(message)))
-        return message
-
-    def send_periodic(self, msgs: Any, period: float, *rest: Any, **more: Any) -> Any:
-        """By the interface; the frames are seen by :meth:`recv`.   Raises what the interface raises."""
-        return self.inner.send_periodic(msgs, period, *rest, **more)
-
-    def shutdown(self) -> None:
-        """Close the interface."""
-        super().shutdown()
-        self.inner.shutdown()
-
 
 _PROFILE_VELOCITY: Final = 3
 _HOMING_PERIOD_S: Final = 0.010  # homing is watched, not sampled

@@ -28,7 +28,7 @@ from beltcomm.experiments.stops_out_of_move import (
 )
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
-from beltcomm.rundata.led_gains import as_in_drive
+from beltcomm.rundata.store import as_in_drive
 from beltcomm.sending import predict_led
 from beltcomm.trajectory import Trajectory, load_move, plan_trajectory, with_dwell
 from beltcomm.verify import REST_S, Loop, PredictedMove, TrackingError, demand, predict_move, predict_range, tracking_error

@@ -32,7 +32,7 @@ from beltcomm.pages import pictures as drawn
 from beltcomm.result import Result
 from beltcomm.rundata.cost import cost_and_words
 from beltcomm.rundata.fitted_run import Opened, open_fitted
-from beltcomm.rundata.kept_fit import fit_base
+from beltcomm.rundata.kept import fit_base
 from beltcomm.rundata.revisions import Revision, changed_recordings, current_revision, keep_cost, model_named, recording_hashes, revisions
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import ladder as words

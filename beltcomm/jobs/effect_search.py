@@ -12,13 +12,13 @@ import numpy as np
 from beltcomm.effects import EFFECTS
 from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory.diagnosis import MOST_EFFECTS, Diagnosis, diagnose
-from beltcomm.laboratory.harmonics import gain_kernel, load_kernel
 from beltcomm.laboratory.run_checks import Checked
 from beltcomm.laboratory.scope import restrict_to_scope
+from beltcomm.laboratory.score import gain_kernel, load_kernel
 from beltcomm.laboratory.selection import MISSING
 from beltcomm.recording import Recording
 from beltcomm.rundata.fitted_run import explainable, foretell, records_of, with_remarks_on_loads
-from beltcomm.rundata.kept_fit import fit_base
+from beltcomm.rundata.kept import fit_base
 from beltcomm.rundata.revisions import current_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import ladder as words

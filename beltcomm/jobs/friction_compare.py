@@ -16,7 +16,7 @@ from beltcomm.rundata import offline
 from beltcomm.rundata.delays import measure_delay_and_damping
 from beltcomm.rundata.findings import Findings
 from beltcomm.rundata.friction_study import FrictionStudy, data_of, study_of
-from beltcomm.rundata.kept_fit import kept_path
+from beltcomm.rundata.kept import kept_path
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.strokes import slowest_fitted_rad_s
 from beltcomm.sentences import friction, words

@@ -35,8 +35,7 @@ from beltcomm.rundata.cost import cost_and_words, with_costs
 from beltcomm.rundata.fitted_run import explainable, open_fitted
 from beltcomm.rundata.headline import EXPLAINED, NextCommand, headline_of
 from beltcomm.rundata.headline import next_command as best_step
-from beltcomm.rundata.kept_fit import KEY
-from beltcomm.rundata.kept_result import kept_or_new
+from beltcomm.rundata.kept import KEY, kept_or_new
 from beltcomm.rundata.revisions import (
     Revision,
     as_mapping,

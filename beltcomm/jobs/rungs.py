@@ -13,7 +13,7 @@ from beltcomm.laboratory.acceptance import is_confirmed
 from beltcomm.laboratory.compare import of_run
 from beltcomm.laboratory.diagnosis import Diagnosis
 from beltcomm.laboratory.figures import PlainError
-from beltcomm.rundata.kept_fit import keep_fit
+from beltcomm.rundata.kept import keep_fit
 from beltcomm.rundata.revisions import Revision, current_revision, new_revision, not_contradicted, revisions
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.diagnosis_data import Plain

@@ -23,7 +23,7 @@ from beltcomm.recording import Recording, Sidecar, recording_from_columns
 from beltcomm.result import Line, Result
 from beltcomm.rundata import offline
 from beltcomm.rundata.fitted_run import explainable, open_fitted
-from beltcomm.rundata.run_move import limits_of
+from beltcomm.rundata.proof import limits_of
 from beltcomm.rundata.store import saved_design
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import watch as words

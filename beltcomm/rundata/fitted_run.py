@@ -19,7 +19,7 @@ from beltcomm.laboratory.extracts import EXTRACT_ROWS
 from beltcomm.laboratory.run_checks import Checked, check_run
 from beltcomm.model.mounted import carrying
 from beltcomm.outside import in_words
-from beltcomm.rundata.kept_fit import fit_base
+from beltcomm.rundata.kept import fit_base
 from beltcomm.rundata.revisions import current_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Talk

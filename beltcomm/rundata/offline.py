@@ -26,7 +26,7 @@ from beltcomm.rundata import analyse
 from beltcomm.rundata.delays import measure_delay_and_damping
 from beltcomm.rundata.findings import Findings
 from beltcomm.rundata.fitted_run import with_remarks_on_rest
-from beltcomm.rundata.kept_fit import kept_path
+from beltcomm.rundata.kept import kept_path
 from beltcomm.rundata.revisions import CURRENT, model_named, trusted_model
 from beltcomm.rundata.store import cascade_from_dict, saved_design, structure_from_dict
 from beltcomm.runfolder import RunFolder

@@ -31,8 +31,8 @@ from beltcomm.simulate.imperfect import Intersample
 from beltcomm.simulate.kernels.belt_lanes import belt_loads_in_lanes, lane_values
 from beltcomm.simulate.kernels.compose import inverse_kernel
 from beltcomm.simulate.kernels.learning import with_memory
-from beltcomm.simulate.kernels.mean import triangular_mean
 from beltcomm.simulate.kernels.observer import NOTHING, ObserverState, reset
+from beltcomm.simulate.kernels.pieces import triangular_mean
 from beltcomm.simulate.kernels.switchboard import switchboard
 from beltcomm.simulate.kernels.vectors import LANES
 from beltcomm.simulate.kernels.writer import LOOK_AHEAD, MOVING_RAD_S

@@ -12,7 +12,7 @@ from beltcomm.arrays import Array
 from beltcomm.control import Cascade, discrete_coefficients, new_state, reset_state
 from beltcomm.model import Model
 from beltcomm.plant import Plant
-from beltcomm.simulate.kernels.loop_kernel import setpoint
+from beltcomm.simulate.kernels.pieces import setpoint
 from beltcomm.simulate.plant import SimulatedPlant
 
 LoopKind = Literal["velocity", "position"]

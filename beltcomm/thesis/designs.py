@@ -15,7 +15,7 @@ import numpy as np
 from beltcomm.control import Cascade, CascadeStructure, Prefilter, PrefilterKind
 from beltcomm.design.cascade import DesignResult, design_cascade
 from beltcomm.design.design_plant import DesignPlant, with_friction_fractions
-from beltcomm.design.held_knobs import Knob, Knobs, Turn, designs_along_knob, knobs_of
+from beltcomm.design.knobs import Knob, Knobs, Turn, designs_along_knob, knobs_of
 from beltcomm.design.margins import margins
 from beltcomm.design.prefilters import butterworth_cutoff_rad_s, notch_width
 from beltcomm.design.specification import PRODUCT_SPECIFICATION, Specification

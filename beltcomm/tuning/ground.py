@@ -9,7 +9,7 @@ from typing import Any
 from beltcomm.axis.entries import NO_TARGETS, AxisTargets
 from beltcomm.control import Cascade, CascadeStructure, Prefilter
 from beltcomm.design.design_plant import DesignPlant
-from beltcomm.design.held_knobs import Knobs
+from beltcomm.design.knobs import Knobs
 from beltcomm.errors import UsageError
 from beltcomm.model import Model
 from beltcomm.sending import Sending

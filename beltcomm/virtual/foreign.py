@@ -18,10 +18,10 @@ from beltcomm.control import Cascade, Feedforward
 from beltcomm.errors import UsageError
 from beltcomm.plant.drive_section import IDEAL, Instruments
 from beltcomm.virtual.dictionary import ObjectDictionary, ObjectRow
-from beltcomm.virtual.motor import EMMS_AS_70, Nameplate
 from beltcomm.virtual.objects import PDO_COUNT, PDO_INVALID, PDO_NO_RTR, parameter
 from beltcomm.virtual.pdo import EVERY_TYPE, PdoRules
 from beltcomm.virtual.profiles import PROFILES, UserUnits, VirtualProfile, generic_rows, signs
+from beltcomm.virtual.stage import EMMS_AS_70, Nameplate
 
 _RPM_PER_RAD_S = 30.0 / math.pi
 _KEYS = frozenset(

@@ -9,7 +9,7 @@ import pytest
 
 from beltcomm.control import Cascade, Prefilter, PrefilterKind
 from beltcomm.design.design_plant import DesignPlant
-from beltcomm.design.held_knobs import Knobs, designs_along_knob, gains_for, knobs_of
+from beltcomm.design.knobs import Knobs, designs_along_knob, gains_for, knobs_of
 from beltcomm.design.thesis import thesis_margins
 from beltcomm.errors import Refused
 from beltcomm.thesis.designs import published_gains, thesis_plants

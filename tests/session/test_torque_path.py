@@ -23,7 +23,7 @@ from beltcomm.machine.scale import jumping_inertia
 from beltcomm.recording import Recording
 from beltcomm.rundata.delays import measure_delay_and_damping
 from beltcomm.rundata.findings import Findings
-from beltcomm.rundata.kept_fit import KEY, kept_path
+from beltcomm.rundata.kept import KEY, kept_path
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.torque_path import path_data, path_lines
 from identify.records import COUNTS, PERIOD_S, Recorder, true_model

@@ -26,7 +26,7 @@ from beltcomm.arrays import Array, BoolArray
 from beltcomm.compiled import compiled
 from beltcomm.model import Model
 from beltcomm.simulate.inverse import FineMotion
-from beltcomm.simulate.kernels.mean import triangular_mean
+from beltcomm.simulate.kernels.pieces import triangular_mean
 
 #: Parameter of the friction that turns.
 LEVEL = "coulomb.level"

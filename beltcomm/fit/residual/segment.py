@@ -13,6 +13,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,6 @@ from beltcomm.fit.noise.propagation import NoiseSchedule, noise_schedule
 from beltcomm.fit.noise.whitening import Whitener, whitener
 from beltcomm.fit.residual.observer import Observation, Observer, innovations, needs_observer, tuned_observers, untuned_observer
 from beltcomm.fit.residual.reversals import LEVEL, motion_through_reversals, turns_at_once
-from beltcomm.fit.residual.slack_strand import stiffness_left
 from beltcomm.fit.residual.smoother import smooth_motion
 from beltcomm.fit.residual.usable_samples import (
     creep_motion,
@@ -40,20 +40,67 @@ from beltcomm.fit.residual.usable_samples import (
 )
 from beltcomm.fit.torque.path import FAITHFUL, TorquePath
 from beltcomm.model import Model
-from beltcomm.model.linear import matrices, operating_point
+from beltcomm.model.linear import belt_at, matrices, operating_point, values_of
 from beltcomm.model.mounted import Mounted, loaded_model
 from beltcomm.recording import Recording
 from beltcomm.simulate.inverse import (
     FineMotion,
     acting_cells,
     begins_in_motion,
+    belt_load,
     coarse,
     fine_load,
     reconstruct,
     torque_residuals,
     true_motion,
 )
-from beltcomm.simulate.kernels.mean import ABSURD_NM
+from beltcomm.simulate.kernels.pieces import ABSURD_NM
+
+#: Stretches at which the laws are looked up, and how often their range is doubled until it holds the largest force.
+STRETCHES, DOUBLED = 2001, 8
+
+
+def stiffness_left(model: Model, motion: FineMotion) -> Array | None:
+    """Share of the belt's stiffness that holds the carriage at each sample: 1 with both strands tight.
+
+    It is the slope of the belt's law at the stretch that carries the load.  A gap is no such law: its carriage is followed (``observer``).
+    The belt is taken to be as stiff everywhere as in the middle of the way, and its damping to carry nothing: only the noise asks for it.
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+    motion : FineMotion
+        Of a segment.
+
+    Returns
+    -------
+    ndarray (n,) or None
+        None where no strand goes slack.
+    """
+    laws = [e for e in model.effect_list() if e.slot == "belt_law" and not e.rattles]
+    if not laws or "cart" not in model.base_bodies:
+        return None
+    vector, ratio = model.vector(), model["transmission.ratio"]
+    true = true_motion(model, motion, vector)
+    middle = 0.5 * ratio * float(true.theta.min() + true.theta.max())
+    wanted = belt_load(model, true, vector, 0.0) / (ratio * belt_at(model, middle)[0])  # m, stretch of a belt with both strands tight
+    wanted[[0, -1]] = wanted[[1, -2]]  # the mean has no ends
+    reach = max(float(np.abs(wanted).max()), 1e-9)
+    for _ in range(DOUBLED):
+        segment = np.linspace(-reach, reach, STRETCHES)
+        loading, slope = segment, np.ones(STRETCHES)
+        for effect in laws:
+            law, slope_of, values = effect.law, effect.slope, values_of(model, effect, middle)
+            assert law is not None
+            assert slope_of is not None
+            slope = slope * [cast(float, slope_of(x, *values)) for x in loading]
+            loading = np.array([law(x, *values) for x in loading])
+        if loading[0] <= wanted.min() and wanted.max() <= loading[-1]:
+            break
+        reach *= 2.0
+    return np.interp(wanted, loading, slope)
+
 
 #: rad/s at the motor: below this speed anywhere within a sample the motor may be sticking.  Three encoder steps of a 65536-count
 #: encoder per millisecond; on simulated axes 0.1 still lets sticking samples through and 0.2 to 0.8 give equal residuals.

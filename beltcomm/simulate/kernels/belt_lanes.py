@@ -18,8 +18,8 @@ from beltcomm.effects._corner import REACH
 from beltcomm.effects.belt_slack import MOST_LOST
 from beltcomm.effects.stiffness_position import LEAST_COMPLIANCE
 from beltcomm.simulate.kernels import ahead
-from beltcomm.simulate.kernels.mean import ABSURD_NM
 from beltcomm.simulate.kernels.observer import lanes_for
+from beltcomm.simulate.kernels.pieces import ABSURD_NM
 
 #: Effects beyond the motor that this file knows; each is off where its parameter is 0.
 PLAIN = ("belt_stiffness", "belt_damping", "viscous_cart", "cart_friction")

@@ -23,7 +23,7 @@ from beltcomm.effects import Effect
 from beltcomm.model import Model
 from beltcomm.simulate.kernels import fast_math
 from beltcomm.simulate.kernels.compose import import_stable
-from beltcomm.simulate.kernels.stick import stick_or_slide
+from beltcomm.simulate.kernels.pieces import stick_or_slide
 from beltcomm.simulate.kernels.switch_groups import indent
 from beltcomm.simulate.kernels.writer import Writer, fingerprint
 

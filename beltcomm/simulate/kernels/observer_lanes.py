@@ -12,8 +12,8 @@ import numpy as np
 from beltcomm.arrays import Array, BoolArray, IntArray
 from beltcomm.compiled import within_lanes
 from beltcomm.simulate.kernels.learning import WIDEST, limit_variance
-from beltcomm.simulate.kernels.mean import ABSURD_NM
 from beltcomm.simulate.kernels.observer import LOST, OPEN, ObserverState
+from beltcomm.simulate.kernels.pieces import ABSURD_NM
 from beltcomm.simulate.kernels.vectors import LANES, Vector, aligned_zeros, at, eight, flag_at, number_at, put, set_flag, set_number
 
 #: Rows of the memory of a loop in lock step that :func:`advance_sample` knows.

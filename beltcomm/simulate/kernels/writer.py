@@ -27,9 +27,8 @@ from beltcomm.effects import (
     is_plain_belt,
 )
 from beltcomm.model import BASE_BODIES, body_list, effect_parameters, expected_parameters
-from beltcomm.simulate.kernels import branchless, fast_math, loop_kernel
+from beltcomm.simulate.kernels import branchless, fast_math, pieces
 from beltcomm.simulate.kernels.learning import learn
-from beltcomm.simulate.kernels.mean import weighted_mean
 from beltcomm.simulate.kernels.observer import (
     EXPECTED,
     LEARNED,
@@ -43,7 +42,7 @@ from beltcomm.simulate.kernels.observer import (
     take_correction,
 )
 from beltcomm.simulate.kernels.observer_lanes import advance_sample, brought
-from beltcomm.simulate.kernels.stick import stick_or_slide
+from beltcomm.simulate.kernels.pieces import stick_or_slide, weighted_mean
 from beltcomm.simulate.kernels.switch_groups import group, indent
 
 
@@ -427,7 +426,7 @@ class Writer:
         several = "fast(_{0})"
         laws = [f"{name} = {(several if name in self.in_lanes else single).format(name)}" for name in sorted(self.laws)]
         if "setpoint(" in body:
-            imports.append("from beltcomm.simulate.kernels.loop_kernel import setpoint")
+            imports.append("from beltcomm.simulate.kernels.pieces import setpoint")
         if self.in_lanes:
             imports.append("from beltcomm.simulate.kernels.fast_math import fast")
         if self.in_vectors:
@@ -436,7 +435,7 @@ class Writer:
             imports.append("from beltcomm.simulate.kernels.vectors import at, eight, either, least, most, put")
         ours = "from beltcomm.compiled import compiled, in_lanes, within_kernels"
         head = ["import math", "", "import numpy as np", "", ours, *imports, "", *laws]
-        made_of, modules = [*self.laws.values()], [loop_kernel.__name__, cascade_kernel.__name__, fast_math.__name__]
+        made_of, modules = [*self.laws.values()], [pieces.__name__, cascade_kernel.__name__, fast_math.__name__]
         if self.in_vectors:
             made_of, modules = [*made_of, brought, advance_sample], [*modules, branchless.__name__]
         return "\n".join(head) + "\n\n\n" + body + f"\n# {fingerprint(made_of, modules)}\n"

@@ -1,4 +1,4 @@
-"""The three knobs (4.4) held on all plants at once: gains as functions of the knobs, for one prefilter and one T_R.
+"""The thesis's three tuning knobs (4.4), read off given gains, and held on all plants at once for one prefilter and one T_R.
 
 Where :mod:`beltcomm.design.cascade` looks for the largest K_I K_PP inside bounds of all three, here the suppression sets K_P as in the
 thesis.   The velocity phase margin is what T_N = K_P/K_I must leave at least, the position phase margin sets K_PP, and T_N is the one with
