@@ -2,7 +2,7 @@
 
     error² = mean (g * e)²,   torque² = mean (g * τ)²        over the samples that count
 
-e : residual torque of :func:`beltcomm.fit.residual.segment.evaluate`, N m at the motor shaft.   τ : the torque that was reported.
+e : residual torque of :func:`beltcomm.fit.residual.whitened.evaluate`, N m at the motor shaft.   τ : the torque that was reported.
 g : Gaussian low-pass without phase, 3 dB at the band's edge, one for both; samples that do not count take no part in it.
 
 Without a band e of a coarse encoder is little but rounding, J times its second difference.  So the band is the widest of
@@ -23,7 +23,8 @@ from beltcomm.arrays import Array, BoolArray
 from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.fit.noise.whitening import noises
 from beltcomm.fit.records import Data
-from beltcomm.fit.residual.segment import Segment, evaluate, evaluate_each, noise_paths_of, with_observers
+from beltcomm.fit.residual.segment import Segment
+from beltcomm.fit.residual.whitened import evaluate, evaluate_each, noise_paths_of, with_observers
 from beltcomm.model import Model
 
 #: Hz, from wide to narrow.

@@ -16,7 +16,8 @@ from beltcomm.fit.likelihood.local_quadratic import LocalQuadratic
 from beltcomm.fit.likelihood.problem import OFFSET_M, Minimum, Problem, hopeless, time_blocks
 from beltcomm.fit.records import Data
 from beltcomm.fit.residual.observer import needs_observer
-from beltcomm.fit.residual.segment import Segment, whitened_residual, with_observer, with_observers
+from beltcomm.fit.residual.segment import Segment
+from beltcomm.fit.residual.whitened import whitened_residual, with_observer, with_observers
 from beltcomm.model import Model
 
 #: Where the carriage of a held-out record may have stuck at its start: looked at so far apart, m, so many times to either side.

@@ -20,8 +20,9 @@ from beltcomm.fit.noise.decimation import is_counted, smallest_step
 from beltcomm.fit.noise.level import noise_colour, torque_noise
 from beltcomm.fit.noise.whitening import whitener
 from beltcomm.fit.residual.observer import needs_observer
-from beltcomm.fit.residual.segment import Segment, acting_noise, evaluate, noise_paths_of, segments, whitener_of, with_observers
+from beltcomm.fit.residual.segment import Segment, acting_noise, segments
 from beltcomm.fit.residual.usable_samples import creeping_samples
+from beltcomm.fit.residual.whitened import evaluate, noise_paths_of, whitener_of, with_observers
 from beltcomm.fit.torque.path import FAITHFUL, TorquePath
 from beltcomm.model import Model
 from beltcomm.recording import Recording

@@ -17,7 +17,8 @@ from beltcomm.effects.belt_spans import stiffness as stiffness_at
 from beltcomm.errors import DataError
 from beltcomm.fit.model_fit import SUSPECT_MISFIT, ModelFit, fit_model
 from beltcomm.fit.residual.encoder_jumps import proven_jumps, refuse
-from beltcomm.fit.residual.segment import OUTLIER, Segment, segments, whitened_residual
+from beltcomm.fit.residual.segment import Segment, segments
+from beltcomm.fit.residual.whitened import OUTLIER, whitened_residual
 from beltcomm.fit.start.first_estimate import NEEDED
 from beltcomm.fit.start.model import belt_start, correct_by_slow_motion, data_sheet
 from beltcomm.fit.torque.acting_torque import acting_recording

@@ -122,7 +122,7 @@ BOTH_ITERATIONS = 9
 def gap_with_delay(data: Data, current: Fitted, held: Fitted) -> Candidate | None:
     """The gap as a candidate for what it explains beside a delay; None where both together do not explain nearly all.
 
-    evidence = O_current - O_both - (n ln N + 2 ln ways),   n : parameters of both   (see ``forward_selection``)
+    evidence = O_current - O_both - (n ln N + 2 ln ways),   n : parameters of both   (see ``selection``)
 
     Parameters
     ----------

@@ -23,7 +23,8 @@ from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.fit.likelihood.problem import OFFSET_M, Parts, Problem
 from beltcomm.fit.records import SUBSTEPS
 from beltcomm.fit.residual.observer import needs_observer
-from beltcomm.fit.residual.segment import Segment, in_noise, observed_residuals, whitened_residual, with_observers
+from beltcomm.fit.residual.segment import Segment
+from beltcomm.fit.residual.whitened import in_noise, observed_residuals, whitened_residual, with_observers
 from beltcomm.laboratory.acceptance import loudness
 from beltcomm.laboratory.single_record import explained_elongation, stiffness_by_record
 from beltcomm.model import Model, on_side

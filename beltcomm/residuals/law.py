@@ -10,7 +10,7 @@ import numpy as np
 from beltcomm.arrays import Array, BoolArray
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.likelihood.problem import OFFSET_M
-from beltcomm.fit.residual.segment import evaluate
+from beltcomm.fit.residual.whitened import evaluate
 from beltcomm.laboratory.samples import Judged
 from beltcomm.model import Model
 from beltcomm.residuals.cells import COORDINATES, Cells, cells_of

@@ -18,7 +18,8 @@ from beltcomm.design.spread import MarginSpread, margin_spread
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.fit.model_fit import SUSPECT_MISFIT, fit_model
 from beltcomm.fit.noise.level import torque_noise
-from beltcomm.fit.residual.segment import segments, squares_left, whitened_residual, with_observer
+from beltcomm.fit.residual.segment import segments
+from beltcomm.fit.residual.whitened import squares_left, whitened_residual, with_observer
 from beltcomm.fit.torque.path import FAITHFUL, TorquePath
 from beltcomm.fit.uncertainty.remarks import joint_draws
 from beltcomm.identify.dead_time import DeadTime

@@ -15,7 +15,8 @@ import numpy as np
 
 from beltcomm.arrays import Array
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.residual.segment import Segment, in_noise
+from beltcomm.fit.residual.segment import Segment
+from beltcomm.fit.residual.whitened import in_noise
 from beltcomm.model.value import NORMAL_95
 from beltcomm.watching.estimates import POOL, MoveEstimate, Standing, State, pooled
 from beltcomm.watching.limits import Limit

@@ -15,7 +15,8 @@ from beltcomm.fit import estimate as fitting
 from beltcomm.fit.likelihood.problem import Problem
 from beltcomm.fit.records import Data, prepare, remade, with_process_noise
 from beltcomm.fit.residual.observer import settling_samples, stiffest
-from beltcomm.fit.residual.segment import Segment, evaluate, in_noise, whitened_residual, with_observer
+from beltcomm.fit.residual.segment import Segment
+from beltcomm.fit.residual.whitened import evaluate, in_noise, whitened_residual, with_observer
 from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory.gap_evidence import STIFFNESS, along_gap_valley
 from beltcomm.laboratory.selection import candidate

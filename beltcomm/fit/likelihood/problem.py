@@ -22,7 +22,8 @@ from beltcomm.fit.likelihood.free_parameters import Touch, part_touched, touches
 from beltcomm.fit.residual.observer import Perturbation, slopes
 from beltcomm.fit.residual.reversals import LEVEL
 from beltcomm.fit.residual.rounding_bias import RoundingBias
-from beltcomm.fit.residual.segment import Segment, in_noise, observed_residuals, with_observers
+from beltcomm.fit.residual.segment import Segment
+from beltcomm.fit.residual.whitened import in_noise, observed_residuals, with_observers
 from beltcomm.model import Model, expected_parameters
 from beltcomm.model.mounted import loaded
 from beltcomm.simulate.inverse import (

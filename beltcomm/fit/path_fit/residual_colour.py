@@ -20,7 +20,8 @@ from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.noise.process_torque import ProcessTorque, correlation_time
 from beltcomm.fit.noise.whitening import whitener
 from beltcomm.fit.records import Data
-from beltcomm.fit.residual.segment import Segment, acting_noise, noise_paths_of
+from beltcomm.fit.residual.segment import Segment, acting_noise
+from beltcomm.fit.residual.whitened import noise_paths_of
 from beltcomm.fit.torque.reading_fit import CLEAR
 from beltcomm.model import Model
 from beltcomm.model.value import NORMAL_95

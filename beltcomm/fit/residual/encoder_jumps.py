@@ -17,7 +17,8 @@ from scipy.optimize import minimize_scalar
 
 from beltcomm.arrays import Array
 from beltcomm.errors import DamagedRecord
-from beltcomm.fit.residual.segment import segments, whitened_residual
+from beltcomm.fit.residual.segment import segments
+from beltcomm.fit.residual.whitened import whitened_residual
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 

@@ -17,7 +17,8 @@ from beltcomm.errors import DataError
 from beltcomm.fit.noise.level import torque_noise
 from beltcomm.fit.path_fit.choice import EXPLAINED, TIMES_S, commands, splits
 from beltcomm.fit.residual.encoder_jumps import CERTAIN, Jump, largest_step, refuse
-from beltcomm.fit.residual.segment import Segment, evaluate_each, segments
+from beltcomm.fit.residual.segment import Segment, segments
+from beltcomm.fit.residual.whitened import evaluate_each
 from beltcomm.fit.start.low_pass import fine, legible, smooth
 from beltcomm.fit.start.rigid import rigid_estimate
 from beltcomm.fit.start.undersampled import clearly_moves, comes_seldom, first_of_seldom

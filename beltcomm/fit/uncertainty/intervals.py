@@ -36,7 +36,8 @@ from beltcomm.fit.estimate import INERTIA, Fitted
 from beltcomm.fit.likelihood.problem import Nuisance, Problem, time_blocks
 from beltcomm.fit.noise.whitening import noises
 from beltcomm.fit.records import rounding_torque
-from beltcomm.fit.residual.segment import Segment, noise_paths_of, whitener_of
+from beltcomm.fit.residual.segment import Segment
+from beltcomm.fit.residual.whitened import noise_paths_of, whitener_of
 from beltcomm.model import Model
 
 #: s; groups between which the gradient is taken as independent.

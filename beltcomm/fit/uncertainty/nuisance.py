@@ -17,7 +17,7 @@ from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.likelihood.problem import OFFSET_M, Nuisance
 from beltcomm.fit.path_fit.values import path_nuisance
 from beltcomm.fit.records import Data
-from beltcomm.fit.residual.segment import evaluate_each
+from beltcomm.fit.residual.whitened import evaluate_each
 from beltcomm.fit.uncertainty.intervals import with_intervals
 from beltcomm.model import BASE_BODIES, Model
 from beltcomm.model.value import NORMAL_95
