@@ -238,7 +238,18 @@ def backwards(t_s: Array, torque: Array, position: Array) -> bool:
 
 
 def livelier(t_s: Array, torque: Array, position: Array) -> tuple[Array, Array, Array]:
-    """Of a long record the MOST_JUDGED rows in a row that move most: enough to judge it, and it need not be in memory several times."""
+    """Of a long record the rows in a row that move most: enough to judge it, and it need not be in memory several times.
+
+    Parameters
+    ----------
+    t_s, torque, position : ndarray, (n,)
+        s, and any units.
+
+    Returns
+    -------
+    tuple of ndarray
+        ``MOST_JUDGED`` rows of each; all where there are no more.
+    """
     if len(t_s) <= MOST_JUDGED:
         return t_s, torque, position
     begins = range(0, len(t_s) - MOST_JUDGED + 1, MOST_JUDGED)
@@ -380,7 +391,20 @@ def _partial(signal: Array, cause: Array, others: Array) -> float:
 
 
 def running_mean(signal: Array, width: int) -> Array:
-    """Mean of each ``width`` values in a row."""
+    """Mean of each ``width`` values in a row.
+
+    Parameters
+    ----------
+    signal : ndarray, (n,)
+        In any unit.
+    width : int
+        1 to n.
+
+    Returns
+    -------
+    ndarray, (n - width + 1,)
+        In that unit.
+    """
     total = np.concatenate(([0.0], np.cumsum(signal)))
     return (total[width:] - total[:-width]) / width
 
@@ -435,7 +459,20 @@ def _quotient(lower: Array, upper: Array, alike: float) -> float:
 
 
 def unit_words(quotient: float, upper: str, lower: str) -> str:
-    """Units that a quotient of two signals tells; "" when it is none of UNIT_FACTORS."""
+    """Units that a quotient of two signals tells, in words.
+
+    Parameters
+    ----------
+    quotient : float
+        Upper over lower, 1 where their units agree.
+    upper, lower : str
+        What the two are called.
+
+    Returns
+    -------
+    str
+        "" where it is within 5 % of none of ``UNIT_FACTORS`` and no inverse of one.
+    """
     for factor, words in UNIT_FACTORS.items():
         if abs(quotient / factor - 1.0) < 0.05:
             return f"the {upper} has {words}"
