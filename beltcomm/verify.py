@@ -167,12 +167,36 @@ class PredictedMove:
         return self.error_for(NO_TARGETS)
 
     def error_for(self, targets: AxisTargets) -> TrackingError:
-        """At the motor, settled as the targets have it."""
+        """Tracking error at the motor.
+
+        Parameters
+        ----------
+        targets : AxisTargets
+            That say from when on a move counts as settled.
+
+        Returns
+        -------
+        TrackingError
+            In m at the carriage.
+        """
         return tracking_error(self.t_s, self.reference_m, self.motor_m, targets)
 
 
 def demand(trajectory: Trajectory, model: Model) -> Demand:
-    """Largest speed, acceleration, feed force and motor torque of a move.   Source: (4.15), (2.22)."""
+    """Largest speed, acceleration, feed force and motor torque of a move.   Source: (4.15), (2.22).
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        Of the carriage.
+    model : Model
+        With a carriage.
+
+    Returns
+    -------
+    Demand
+        Carriage side; its torque at the motor shaft.
+    """
     ratio, mass = model["transmission.ratio"], model["cart.mass"]
     a, v = trajectory.acceleration_m_s2, trajectory.velocity_m_s
     gravity = mass * GRAVITY_M_S2 * math.sin(model.get("tilt.angle"))

@@ -49,7 +49,22 @@ class PeriodicChoice:
     reason: str
 
     def excitation(self, amplitude_nm: float, sample_period_s: float, *, torque_step_nm: float = 0.0) -> Excitation:
-        """The record with this amplitude, as :meth:`PrbsChoice.excitation`."""
+        """The record with an amplitude.
+
+        Parameters
+        ----------
+        amplitude_nm : float, N m, motor shaft
+            About the mean.
+        sample_period_s : float, s
+            Of the drive.
+        torque_step_nm : float, N m
+            In which the drive takes torque; 0 for none.
+
+        Returns
+        -------
+        Excitation
+            As :meth:`PrbsChoice.excitation`.
+        """
         return self.signal(amplitude_nm, sample_period_s, self.repeats, torque_step_nm=torque_step_nm)
 
 

@@ -125,9 +125,19 @@ class SevenPhases:
         return float(self.durations_s.sum())
 
     def at(self, t_s: Array) -> tuple[Array, Array, Array, Array]:
-        """Position m, velocity m/s, acceleration m/s², jerk m/s³ at times, each of the shape of ``t_s``.
+        """Motion at given times.
 
         At the very moment at which the jerk switches, the new one; outside the motion, the state at the end that is nearer.
+
+        Parameters
+        ----------
+        t_s : ndarray, s
+            From the beginning of the motion.
+
+        Returns
+        -------
+        tuple of ndarray
+            Position m, velocity m/s, acceleration m/s², jerk m/s³, each of the shape of ``t_s``.
         """
         begins = np.concatenate([[0.0], np.cumsum(self.durations_s)])
         t = np.clip(np.asarray(t_s, dtype=np.float64), 0.0, begins[-1])
@@ -212,7 +222,25 @@ def on_grid(start: MotionState, end: MotionState, bounds: MotionBounds, sample_p
     It gets a constant speed that is lower; where its acceleration never comes to zero, less jerk; where that leads to no motion of the next
     whole number of periods, it takes more of them.
 
-    Errors as :func:`fastest_motion`; UsageError for a period that is not positive; Refused where no such duration is found.
+    Parameters
+    ----------
+    start, end : MotionState
+        Of the carriage.
+    bounds : MotionBounds
+        Of each way.
+    sample_period_s : float, s
+        Of the drive.
+
+    Returns
+    -------
+    SevenPhases
+
+    Raises
+    ------
+    UsageError
+        As :func:`fastest_motion`, and for a period that is not positive.
+    Refused
+        As :func:`fastest_motion`, and where no such duration is found.
     """
     if not (sample_period_s > 0.0 and math.isfinite(sample_period_s)):
         raise UsageError(f"the sample period is {sample_period_s} s; give a positive number of seconds")
@@ -235,7 +263,20 @@ def on_grid(start: MotionState, end: MotionState, bounds: MotionBounds, sample_p
 
 
 def bounds_reached(motion: SevenPhases, bounds: MotionBounds) -> tuple[str, ...]:
-    """Names of the bounds that a motion comes to, in the order of :class:`MotionBounds`: what makes it no faster."""
+    """Names of the bounds that a motion comes to: what makes it no faster.
+
+    Parameters
+    ----------
+    motion : SevenPhases
+        Made within these bounds.
+    bounds : MotionBounds
+        Of each way.
+
+    Returns
+    -------
+    tuple of str
+        In the order of :class:`MotionBounds`.
+    """
     extremes, found = motion.extremes(), []
     for field in fields(MotionBounds):
         bound = getattr(bounds, field.name)
