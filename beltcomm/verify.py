@@ -17,9 +17,8 @@ from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.model import Model
 from beltcomm.model.value import NORMAL_95
 from beltcomm.recording import Recording
-from beltcomm.simulate.loop import LoopDrive, close_loop
+from beltcomm.simulate.loop import LoopDrive, SetpointGrid, close_loop
 from beltcomm.simulate.plant import SimulatedPlant
-from beltcomm.simulate.setpoints import SetpointGrid
 from beltcomm.simulate.stopping import total_friction, total_inertia, total_viscous
 from beltcomm.trajectory import Trajectory
 

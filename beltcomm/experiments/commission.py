@@ -33,8 +33,7 @@ from beltcomm.experiments import (
 )
 from beltcomm.experiments.proving import learn_gains, verify_move
 from beltcomm.experiments.recentre import MOST_STOPS, QUIETER, bring_back, may_not_excite, stands, stands_after
-from beltcomm.fit.torque.acting_torque import acting_recording
-from beltcomm.fit.torque.stated_reading import stated_remarks
+from beltcomm.fit.torque.acting_torque import acting_recording, stated_remarks
 from beltcomm.identify.amplitude import AmplitudeStep, family_around, half_friction, unknown_masses_kg
 from beltcomm.identify.final import FinalModel, evidence, final_model
 from beltcomm.identify.standstill import largest

@@ -20,9 +20,8 @@ from beltcomm.machine.envelope import Envelope
 from beltcomm.machine.machine import Machine
 from beltcomm.machine.prediction_watch import SURPRISE
 from beltcomm.model import Model
-from beltcomm.simulate.loop import close_loop
+from beltcomm.simulate.loop import SetpointGrid, close_loop
 from beltcomm.simulate.plant import SimulatedPlant
-from beltcomm.simulate.setpoints import SetpointGrid
 from beltcomm.simulate.stopping import NO_STOP, OFF_THE_MODEL, References, StopOutOfMove, StopReaction, predict_stop_out_of_move
 from beltcomm.trajectory import Trajectory
 from beltcomm.verify import Loop, PredictedMove

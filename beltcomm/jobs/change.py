@@ -23,7 +23,7 @@ from beltcomm.laboratory.acceptance import drop_by
 from beltcomm.laboratory.compare import compare, of_run
 from beltcomm.laboratory.coupled_bodies import COUPLING, SECTIONS, with_coupling, with_sections
 from beltcomm.laboratory.diagnosis import final_refit
-from beltcomm.laboratory.gap_evidence import is_replaceable_gap
+from beltcomm.laboratory.gaps import is_replaceable_gap
 from beltcomm.laboratory.law_shape import assign_body, fit_law_shapes, fixed_forms
 from beltcomm.laboratory.score import ground_of
 from beltcomm.laboratory.selection import MISSING, with_effect

@@ -15,8 +15,7 @@ from beltcomm.errors import UsageError
 from beltcomm.experiments.redundant_steps import Before, record_showing
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.noise.level import noise_doubt
-from beltcomm.fit.torque.acting_torque import acting_recordings
-from beltcomm.fit.torque.stated_reading import stated_remarks
+from beltcomm.fit.torque.acting_torque import acting_recordings, stated_remarks
 from beltcomm.fit.uncertainty.intervals import parameter_spread, with_intervals
 from beltcomm.given import Place, pasted, place
 from beltcomm.jobs.effect_search import search_of

@@ -31,8 +31,7 @@ from beltcomm.laboratory.acceptance import (
 )
 from beltcomm.laboratory.compare import compare
 from beltcomm.laboratory.coupled_bodies import COUPLING, coupling_candidate, refit_from_several_stiffnesses
-from beltcomm.laboratory.gap_evidence import converged_gap, gap_with_delay, is_replaceable_gap
-from beltcomm.laboratory.gap_from_start import gap_from_start
+from beltcomm.laboratory.gaps import converged_gap, gap_from_start, gap_with_delay, is_replaceable_gap
 from beltcomm.laboratory.law_shape import assign_body, fit_law_shapes
 from beltcomm.laboratory.samples import structure
 from beltcomm.laboratory.score import FAR_OFF, Scorer, ground_of

@@ -18,7 +18,7 @@ from beltcomm.fit.residual.observer import settling_samples, stiffest
 from beltcomm.fit.residual.segment import Segment
 from beltcomm.fit.residual.whitened import evaluate, in_noise, whitened_residual, with_observer
 from beltcomm.fit.start.model import start_model
-from beltcomm.laboratory.gap_evidence import STIFFNESS, along_gap_valley
+from beltcomm.laboratory.gaps import STIFFNESS, along_gap_valley
 from beltcomm.laboratory.selection import candidate
 from beltcomm.model import Model, build_model
 from beltcomm.runfolder import RunFolder

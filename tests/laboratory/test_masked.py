@@ -11,7 +11,7 @@ import pytest
 from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory import diagnosis
 from beltcomm.laboratory.diagnosis import as_searched, fit_base_of
-from beltcomm.laboratory.gap_evidence import gap_with_delay
+from beltcomm.laboratory.gaps import gap_with_delay
 from beltcomm.laboratory.selection import Candidate, fit_with_sheet_values
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.diagnosis_data import ranked

@@ -5,7 +5,6 @@ sample, may lie before the acting torque or behind it.  Each such split is fitte
 motion best is taken.  A faithful reading that leaves nothing but noise needs no comparison.
 
 An effect that is looked for only once the path is known may make the motion come later than the reading tells.
-
 Where a filter of the setpoint stands before the torque, and a dead time behind it, the motion comes as late as by a slower filter: a path
 chosen without that effect takes a part of it over, and what is left of it looks like another effect.
 """

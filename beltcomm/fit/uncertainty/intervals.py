@@ -11,7 +11,6 @@ not one of :data:`EXACT`, and to all of them together what the sampling of the m
 
 Where every model is judged in its own noise, each column of a Jacobian holds noise of its own; its share of the squares is
 
-
     A = Σ ∂ν ∂νᵀ - E Σ ∂(W T ε) ∂(W T ε)ᵀ
 
 W, T as in ``residual.rounding_bias``.  The expectation hangs on which samples are kept, so it is taken by one draw of the noises ε

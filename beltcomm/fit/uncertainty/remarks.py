@@ -114,7 +114,7 @@ def joint_draws(mean: Array, covariance: Array, low: Array, high: Array, count: 
     Parameters
     ----------
     covariance : ndarray
-        C, (k, k), of the fit, with f degrees of ``gap_evidence``; inf is normal.
+        C, (k, k), of the fit, with f degrees of freedom; inf is normal.
     low, high : ndarray (k,)
 
     References
