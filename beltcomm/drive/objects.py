@@ -56,7 +56,7 @@ def name_of(index: int, subindex: int = 0) -> str:
     return f"{index:04X}h" if subindex == 0 else f"{index:04X}h:{subindex:X}" + "h" * (subindex > 9)
 
 
-def commands(index: int, subindex: int = 0) -> bool:
+def is_command(index: int, subindex: int = 0) -> bool:
     """True if an object is a command and no setting.
 
     Parameters

@@ -21,7 +21,7 @@ from beltcomm.given import Place, pasted, place, word
 from beltcomm.jobs.rungs import base_revision, change_of, revision_of
 from beltcomm.laboratory.acceptance import drop_by
 from beltcomm.laboratory.compare import compare, of_run
-from beltcomm.laboratory.coupled_bodies import COUPLING, SECTIONS, with_coupling, with_sections
+from beltcomm.laboratory.coupled_bodies import COUPLING, SECTIONS, add_coupling, with_sections
 from beltcomm.laboratory.diagnosis import final_refit
 from beltcomm.laboratory.gaps import is_replaceable_gap
 from beltcomm.laboratory.law_shape import assign_body, fit_law_shapes, fixed_forms
@@ -241,7 +241,7 @@ def fit_with(here: Opened, effect: str, start: Mapping[str, float] | None) -> tu
     start : mapping of str to float, or None
         Own parameters of the effect by bare name, from which the fit begins; None lets it search.
     """
-    if effect == COUPLING.name and not start and (found := with_coupling(here.data, here.fitted, here.folder.axis)) is not None:
+    if effect == COUPLING.name and not start and (found := add_coupling(here.data, here.fitted, here.folder.axis)) is not None:
         return found
     if effect == SECTIONS and not start and (sections := with_sections(here.data, here.fitted)) is not None:
         return refit_with_rebuilt_motion(here.data, sections, NEXT_ITERATIONS)

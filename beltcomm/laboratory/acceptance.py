@@ -185,7 +185,7 @@ def drop_by(base: Fitted, grown: Fitted) -> float:
     if lags(base) != lags(grown):
         drop += min(0.0, base_noise(grown))
     elif needs_observer(base.model) != needs_observer(grown.model):
-        drop += loudness(base.problem.pieces) - loudness(grown.problem.pieces)
+        drop += log_deviations(base.problem.pieces) - log_deviations(grown.problem.pieces)
         grown.problem.forget()
     return drop - (new - old)
 
@@ -214,12 +214,12 @@ def most_within(smaller: Problem, grown: Fitted, loss: float) -> float:
         return math.inf
     most = grown.objective + loss
     if needs_observer(smaller.model) != needs_observer(grown.model):
-        most += loudness(grown.problem.pieces) - loudness(smaller.pieces)
+        most += log_deviations(grown.problem.pieces) - log_deviations(smaller.pieces)
         grown.problem.forget()
     return most
 
 
-def loudness(pieces: Sequence[Segment]) -> float:
+def log_deviations(pieces: Sequence[Segment]) -> float:
     """2 Σ ln deviation of the innovations, nats: an observer's noise goes with what its model says is closed."""
     total = 0.0
     for piece in pieces:

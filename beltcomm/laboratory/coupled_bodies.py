@@ -82,7 +82,7 @@ def may_be_coupled(current: Fitted) -> bool:
     return bool(has_spring) and not needs_observer(current.model) and may_add(current, COUPLING)
 
 
-def with_coupling(data: Data, current: Fitted, axis: Axis) -> tuple[Data, Fitted] | None:
+def add_coupling(data: Data, current: Fitted, axis: Axis) -> tuple[Data, Fitted] | None:
     """Records and model with a coupling that was asked for, whatever speaks for it; None where nothing can be begun."""
     found = grown_by_coupling(data, current, axis, alone=True) if may_be_coupled(current) else None
     return None if found is None else refit_from_several_stiffnesses(*refit_with_rebuilt_motion(found[0], found[2], NEXT_ITERATIONS))

@@ -41,7 +41,7 @@ from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.records import AGITATIONS, Data, negative_log_likelihood, with_process_noise
 from beltcomm.fit.residual.observer import needs_observer
 from beltcomm.fit.start.model import MOTOR_SHARE
-from beltcomm.laboratory.acceptance import EVIDENCE, STIFFNESS, drop_by, enough, explained_share, impossible, loudness
+from beltcomm.laboratory.acceptance import EVIDENCE, STIFFNESS, drop_by, enough, explained_share, impossible, log_deviations
 from beltcomm.laboratory.selection import Candidate, bic_penalty, candidate, may_add
 from beltcomm.model import Model
 
@@ -96,7 +96,7 @@ def exceeds_threshold(grown: Fitted, closed: Fitted, times: float = 1.0) -> bool
 
 def lead_of(grown: Fitted, closed: Fitted) -> float:
     """By how much a gap is likelier than a carriage that strays without one, nats; below 0 it is less likely."""
-    lead = drop_by(closed, grown) + loudness(closed.problem.pieces) - loudness(grown.problem.pieces)
+    lead = drop_by(closed, grown) + log_deviations(closed.problem.pieces) - log_deviations(grown.problem.pieces)
     closed.problem.forget()
     grown.problem.forget()
     return lead

@@ -25,7 +25,7 @@ from beltcomm.fit.records import SUBSTEPS
 from beltcomm.fit.residual.observer import needs_observer
 from beltcomm.fit.residual.segment import Segment
 from beltcomm.fit.residual.whitened import in_noise, observed_residuals, whitened_residual, with_observers
-from beltcomm.laboratory.acceptance import loudness
+from beltcomm.laboratory.acceptance import log_deviations
 from beltcomm.laboratory.single_record import explained_elongation, stiffness_by_record
 from beltcomm.model import Model, on_side
 from beltcomm.simulate.inverse import (
@@ -289,7 +289,7 @@ class Scorer:
         near = self.nearby.best(
             np.concatenate([whitened_residual(piece, grown, grown.vector()) for piece in pieces]) - self.fitted.residual
         )
-        drop = self.nearby.objective - near.objective + loudness(self.problem.pieces) - loudness(pieces)
+        drop = self.nearby.objective - near.objective + log_deviations(self.problem.pieces) - log_deviations(pieces)
         return Scored(effect, trial, drop, dict(trial.values), near.step)
 
     def score_at(self, effect: Effect, trial: Trial, own: Mapping[str, float]) -> Scored:

@@ -292,11 +292,11 @@ def _without_setpoint(recording: Recording) -> Level:
     rough = [nm for nm in (_between_jumps(recording.torque), _floor(recording)) if nm is not None]
     repeated = _period_difference(recording)
     if repeated is not None:
-        nm = roughness(np.diff(repeated, ORDER), ORDER)
+        nm = white_noise_deviation(np.diff(repeated, ORDER), ORDER)
         if not rough or nm <= REPEATING * min(rough):
             return Level(nm, True)
     if not rough:
-        return Level(roughness(np.diff(recording.torque, ORDER), ORDER), False)
+        return Level(white_noise_deviation(np.diff(recording.torque, ORDER), ORDER), False)
     restless = recording.sidecar.experiment in RESTLESS
     return Level(min(rough), not restless or min(rough) < MOSTLY * float(np.std(recording.torque)))
 
@@ -351,7 +351,7 @@ def _between_jumps(torque: Array) -> float | None:
             rough = rough[sound]
             if len(rough) < FEWEST:
                 break
-        found.append(roughness(rough, order))
+        found.append(white_noise_deviation(rough, order))
     if not found:
         return None
     return min(found) if found[0] > CLEARLY * min(found) else found[0]
@@ -374,7 +374,7 @@ def _floor(recording: Recording) -> float | None:
     return float(np.mean(agree)) if len(agree) >= AGREEING else None
 
 
-def roughness(differences: Array, order: int = ORDER) -> float:
+def white_noise_deviation(differences: Array, order: int = ORDER) -> float:
     """Deviation of the white noise that differences of an order are of: binomial(2 order, order) times its variance is theirs.
 
     Parameters

@@ -94,7 +94,7 @@ class PathChoice:
     between: str = ""
 
 
-def commands(chain: ReadingFit | None, recordings: Sequence[Recording]) -> bool:
+def reads_command(chain: ReadingFit | None, recordings: Sequence[Recording]) -> bool:
     """True if the readings are the setpoint that comes back, without noise."""
     if chain is None:
         return repeats_itself(recordings) or is_held(recordings)
@@ -119,7 +119,7 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
         :func:`fit_reading`.
     """
     to_fit = [r for r in data.recordings if not r.sidecar.held_out]
-    if chain is not None and commands(chain, to_fit):
+    if chain is not None and reads_command(chain, to_fit):
         return _by_motion(data, fitted.model, to_fit, chain)
     faithful = TorquePath(chain.law if chain is not None else None)
     shaped = chain is not None and (bool(chain.law.lags) or abs(chain.law.delay - round(chain.law.delay)) > WHOLE)
