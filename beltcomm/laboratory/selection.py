@@ -3,26 +3,19 @@
     evidence = O_before - O_after - (n ln N + 2 ln starts),   n : parameters that the effect adds
 
 (Bayes' information criterion with the number of ways that were tried.)  ``explained`` is the share of what lies above the noise.
-
-Before anything is refitted, the best values of an effect's own parameters are looked for near the fitted model.
-What is fitted already gives way to first order (``likelihood.local_quadratic``), so one look costs one evaluation of the effect; the
-few parameters of its own are searched without derivatives, because gap and slack have none.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
 
-from beltcomm.arrays import Array
 from beltcomm.compiled import in_one_thread
 from beltcomm.configfiles import did_you_mean
 from beltcomm.effects import EFFECTS, AxisSummary, Effect, effect_named
-from beltcomm.effects._effect import BELT_STIFFNESS
 from beltcomm.errors import UsageError
 from beltcomm.fit.estimate import Fitted, fit, fit_of, problem_of
 from beltcomm.fit.least_squares import least_in_band
@@ -46,91 +39,9 @@ from beltcomm.laboratory.acceptance import (
     share_left,
 )
 from beltcomm.laboratory.law_shape import additions, without
+from beltcomm.laboratory.refine import ENOUGH, refine_best
 from beltcomm.laboratory.score import Scored, Scorer
 from beltcomm.model import Model
-
-#: Share of a value that a search moves it by at first where the trials say nothing.
-FIRST_STEP = 0.3
-#: Looks per parameter searched, the same where an observer makes each of them dear, and the gain below which a search ends, nats.
-LOOKS, FOLLOWED_LOOKS = 18, 8
-#: What a law of the belt changes so much that a first order does not do.
-BELT = ("belt_stiffness.stiffness",)
-
-
-def refine_best(scorer: Scorer, ways: Sequence[Scored], number: int) -> Scored:
-    """The best of the first ``number`` ways with its own parameters searched; the best way itself where there is nothing to search."""
-    names = searched_names(scorer, ways[0])
-    if not names:
-        return ways[0]
-    return max((refine_way(scorer, way, names, [w.trial.values for w in ways]) for way in ways[:number]), key=lambda w: w.drop)
-
-
-def searched_names(scorer: Scorer, way: Scored) -> list[str]:
-    """Names of what is searched, bare, or full ones of the base model: values of the trial that are fitted and no amplitudes."""
-    effect = way.effect
-    if effect.needs_observer:
-        return []  # a refit finds them with fewer runs of the observer
-    own = [p.name for p in effect.parameters if p.fitted] + [f"{b.name}.{b.inertia.name}" for b in effect.bodies]
-    linear = len(own) == 1 and way.trial.signed
-    names = [name for name in own if name in way.trial.values and name not in way.trial.amplitudes and not linear]
-    if names and (effect.slot == "belt_law" or BELT_STIFFNESS in effect.uses):
-        names += [name for name in BELT if name in scorer.problem.free]
-    return names
-
-
-def refine_way(scorer: Scorer, way: Scored, names: Sequence[str], trials: Sequence[Mapping[str, float]]) -> Scored:
-    """One way with the named values searched."""
-    effect = way.effect
-    limits = {name: limit_of(scorer.model, effect, name) for name in names}
-    extended = scorer.model_with(effect, way.values, way.trial)
-    start = np.array([extended[full_name(scorer.model, effect, name)] for name in names])
-    scale = np.array([first_step(name, value, trials) for name, value in zip(names, start, strict=True)])
-    low, high = ((np.array([limits[name][i] for name in names]) - start) / scale for i in (0, 1))
-    best = way
-
-    def look(place: Array) -> float:
-        nonlocal best
-        values = {name: float(np.clip(v, *limits[name])) for name, v in zip(names, start + scale * place, strict=True)}
-        base = {**way.trial.base, **{name: value for name, value in values.items() if name in BELT}}
-        own = {**way.values, **{name: value for name, value in values.items() if name not in BELT}}
-        found = scorer.score_at(effect, replace(way.trial, base=base), own)
-        if found.drop > best.drop:
-            best = found
-        return -found.drop
-
-    looks = FOLLOWED_LOOKS if needs_observer(scorer.model) else LOOKS
-    corners = np.vstack([np.zeros(len(names)), np.diag(np.where(high >= 1.0, 1.0, -1.0))])
-    minimize(
-        look,
-        corners[0],
-        method="Nelder-Mead",
-        bounds=list(zip(low, high, strict=True)),
-        options={"initial_simplex": np.clip(corners, low, high), "maxfev": looks * len(names), "fatol": ENOUGH, "xatol": 1e-3},
-    )
-    return best
-
-
-def full_name(model: Model, effect: Effect, name: str) -> str:
-    """Name in the model's list of parameters."""
-    own = f"{effect.name}.{name}"
-    return own if own in model.with_effect(effect.name).parameters else name
-
-
-def limit_of(model: Model, effect: Effect, name: str) -> tuple[float, float]:
-    """Bounds of a searched value; a parameter of the base model stays within a factor of three."""
-    if name in BELT:
-        return model[name] / 1.5, 3.0 * model[name]
-    limit = model.with_effect(effect.name).parameters[full_name(model, effect, name)]
-    return limit.low, limit.high
-
-
-def first_step(name: str, value: float, trials: Sequence[Mapping[str, float]]) -> float:
-    """First step of a value: half the way to the next trial, at most a share of itself."""
-    share = FIRST_STEP * abs(value)
-    others = sorted(abs(trial[name] - value) for trial in trials if name in trial and abs(trial[name] - value) > 1e-9 * abs(value))
-    near = [0.5 * others[0]] if others else []
-    return max(min([share, *near]), 1e-9) if share else max([*near, 1e-6])
-
 
 #: O per sample above which something is missing: measured as the floor in ``acceptance``.
 MISSING = 1.04
@@ -146,7 +57,7 @@ SIMPLER = 25.0
 #: Share of what lies above the noise from which on an effect explains most of it.
 MOSTLY = 0.5
 #: Iterations of a refit, also beside an observer and from far away, and the gain that is not worth another one, nats.
-ITERATIONS, FOLLOWED_ITERATIONS, SWALLOWED_ITERATIONS, ENOUGH = 10, 6, 25, 0.5
+ITERATIONS, FOLLOWED_ITERATIONS, SWALLOWED_ITERATIONS = 10, 6, 25
 #: Hz below which a weight, a spring or an offset of a rigid axis shows, however coarse its encoder is.
 WEIGHED_HZ = 8.0
 #: Factor by which masses and stiffness may leave their start values before the search begins there as well.

@@ -73,8 +73,6 @@ def stiffness_left(model: Model, motion: FineMotion) -> Array | None:
 
 #: Squared whitened residual beyond which a sample has no more weight when a start offset is looked for: five deviations.
 OUTLIER = 25.0
-
-
 #: Whiteners that are kept with a segment.
 KNOWN = 2
 
