@@ -27,6 +27,10 @@ from beltcomm.simulate.inverse import (
 
 #: Stretches at which the laws are looked up, and how often their range is doubled until it holds the largest force.
 STRETCHES, DOUBLED = 2001, 8
+#: Squared whitened residual beyond which a sample has no more weight when a start offset is looked for: five deviations.
+OUTLIER = 25.0
+#: Whiteners that are kept with a segment.
+KNOWN = 2
 
 
 def stiffness_left(model: Model, motion: FineMotion) -> Array | None:
@@ -69,12 +73,6 @@ def stiffness_left(model: Model, motion: FineMotion) -> Array | None:
             break
         reach *= 2.0
     return np.interp(wanted, loading, slope)
-
-
-#: Squared whitened residual beyond which a sample has no more weight when a start offset is looked for: five deviations.
-OUTLIER = 25.0
-#: Whiteners that are kept with a segment.
-KNOWN = 2
 
 
 def with_observer(segment: Segment, model: Model) -> Segment:
