@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.arrays import Array, BoolArray
+from beltcomm.arrays import Array, BoolArray, runs_of
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.foreign.canopen import ObjectSamples, Place, Seen, objects_seen, pdos, samples
@@ -406,9 +406,5 @@ def _likely_periods(excited: Array) -> list[int]:
 
 def _longest_run(equal: BoolArray) -> tuple[int, int]:
     """Start and length of the longest run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], equal.astype(np.int8), [0]))))
-    starts, ends = edges[::2], edges[1::2]
-    if not len(starts):
-        return 0, 0
-    longest = int(np.argmax(ends - starts))
-    return int(starts[longest]), int(ends[longest] - starts[longest])
+    start, end = max(runs_of(equal), key=lambda run: run[1] - run[0], default=(0, 0))
+    return start, end - start

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.arrays import Array, BoolArray, robust_deviation
+from beltcomm.arrays import Array, BoolArray, robust_deviation, runs_of
 
 #: Share of samples at the end of the torque's range from which a record counts as clipped.
 CLIPPED_SHARE = 0.02
@@ -411,20 +411,16 @@ def running_mean(signal: Array, width: int) -> Array:
 
 def _in_runs_of_one(signal: Array) -> BoolArray:
     """Samples that stand in a run of CLIPPED_RUN equal ones at least."""
-    same = np.concatenate(([False], np.diff(signal) == 0.0, [False]))
-    edges = np.flatnonzero(np.diff(same.astype(np.int8)))
     found = np.zeros(len(signal), dtype=bool)
-    for start, end in zip(edges[::2], edges[1::2], strict=True):
+    for start, end in runs_of(np.diff(signal) == 0.0):
         found[start : end + 1] = end - start + 1 >= CLIPPED_RUN
     return found
 
 
 def _in_runs(mask: BoolArray) -> BoolArray:
     """The mask without runs shorter than CLIPPED_RUN."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], mask.astype(np.int8), [0]))))
-    starts, ends = edges[::2], edges[1::2]
     kept = np.zeros(len(mask), dtype=bool)
-    for start, end in zip(starts, ends, strict=True):
+    for start, end in runs_of(mask):
         kept[start:end] = end - start >= CLIPPED_RUN
     return kept
 

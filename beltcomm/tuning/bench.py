@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from beltcomm.arrays import Array, BoolArray
+from beltcomm.arrays import Array, BoolArray, runs_of
 from beltcomm.control import Cascade, Prefilter
 from beltcomm.design.cascade import DesignResult, best_cascade, candidate_prefilters
 from beltcomm.design.design_plant import DesignPlant
@@ -314,8 +314,7 @@ def _way(name: str, value: float, pieces: list[tuple[float, float]]) -> str:
 
 def _pieces(values: Array, possible: BoolArray) -> list[tuple[float, float]]:
     """Runs of neighbours that are possible."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], possible, [False]])))
-    return [(float(values[start]), float(values[end - 1])) for start, end in edges.reshape(-1, 2)]
+    return [(float(values[start]), float(values[end - 1])) for start, end in runs_of(possible)]
 
 
 #: Relative change below which a number counts as the same; what follows from several gains moves by more between two steps of a slider.
