@@ -13,11 +13,11 @@ from matplotlib.figure import Figure
 
 from beltcomm.axis import Axis, axis_from_dict, load_axis
 from beltcomm.axis.kinds import ARC_M, KINDS
+from beltcomm.axis.targets import with_targets
 from beltcomm.axis.terms import pictures_in, terms, terms_of
 from beltcomm.configfiles import config_names
 from beltcomm.errors import UsageError
 from beltcomm.fit.start.model import start_model
-from beltcomm.jobs.verify import with_targets
 from beltcomm.model import build_model
 from beltcomm.pages.quantities import quantities_of
 from beltcomm.recording import Recording, Sidecar

@@ -38,7 +38,7 @@ def command(
 
     Example: beltcomm commission --drive virtual --yes
     """
-    from beltcomm.jobs.verify import with_targets
+    from beltcomm.axis.targets import with_targets
 
     known = with_targets(axis_for(axis, drive, run, resume), targets)
     frame.run = run_folder(run, known.name)

@@ -1,21 +1,17 @@
-"""``beltcomm verify``: the move of a run's design on a connected drive, once, or once for every rung of what the model can bring.
-
-A command may ask for targets in place of those of ``axis.yaml``.
-"""
+"""``beltcomm verify``: the move of a run's design on a connected drive, once, or once for every rung of what the model can bring."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from beltcomm.axis import Axis, axis_from_dict
-from beltcomm.axis.entries import AT
-from beltcomm.axis.kinds import KINDS
+from beltcomm.axis import Axis
+from beltcomm.axis.targets import with_targets
 from beltcomm.control import Cascade
 from beltcomm.design.feedforward import FeedforwardKind
 from beltcomm.drive import Drive, simulated
@@ -381,33 +377,3 @@ def _rungs_result(folder: RunFolder, path: Trajectory, driven: list[tuple[str, V
         "   (a move of your own)"
     )
     return Result({"run": str(folder.path), "rungs": data}, text)
-
-
-def with_targets(axis: Axis, asked: Mapping[str, object] | None) -> Axis:
-    """Axis of any kind with other targets than its file's.
-
-    Parameters
-    ----------
-    axis : Axis
-        With the targets that stay where nothing else is asked for.
-    asked : mapping of str to object, or None
-        Entries of :class:`beltcomm.axis.entries.AxisTargets`, m and s along the line of the load; ``at`` also in the word of the kind.
-
-    Returns
-    -------
-    Axis
-        The same one for nothing asked.
-
-    Raises
-    ------
-    UsageError
-        For entries that there are not, values out of their bounds, and such that contradict the axis.
-    """
-    if not asked:
-        return axis
-    own = KINDS.get(axis.kind)
-    at = {"at": AT[1]} if own is not None and asked.get("at") == own.load else {}
-    stated = {name: value for name, value in asdict(axis.targets).items() if value not in (None, "")}
-    motions = {name: asdict(limits) for name, limits in axis.trajectories.items()}
-    read = axis_from_dict({"targets": {**stated, **asked, **at}, "trajectories": motions})
-    return replace(axis, targets=read.targets)
