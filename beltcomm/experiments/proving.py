@@ -102,7 +102,7 @@ def verify_move(
     _check_lead(machine, sent, path)
     _check_along(machine, sent)
     _check_belt(machine, model, path, trajectory)
-    lag = allowed_lag_m(path)
+    lag = allowed_lag_m(model, predict)
     if sent.reference is not None and led_gains_of(machine.folder) is None:
         lag += max(LEARNING_SLACK, calibration.unsure(machine.folder)) * float(np.max(np.abs(sent.reference.lead_m)))
     setpoints = sent.motor if sent.reference is None else sent.reference.sent

@@ -11,7 +11,7 @@ import numpy as np
 
 from beltcomm.arrays import Array
 from beltcomm.fit.model_fit import ModelFit, fit_model
-from beltcomm.fit.start.undersampled import LATE_S, SeldomEstimate, comes_seldom, estimate
+from beltcomm.fit.start.undersampled import LATE_S, NO_PASSES, SeldomEstimate, SteadyPasses, comes_seldom, estimate
 from beltcomm.fit.uncertainty.nuisance import released
 from beltcomm.model import Model
 from beltcomm.model.value import NORMAL_95
@@ -77,7 +77,7 @@ class SeldomFit(ModelFit):
         )
 
 
-def fit_seldom(recordings: Sequence[Recording], start: Model, *, counts_per_rev: int) -> SeldomFit | None:
+def fit_seldom(recordings: Sequence[Recording], start: Model, *, counts_per_rev: int, passes: SteadyPasses = NO_PASSES) -> SeldomFit | None:
     """The model by the open-loop records of the place where most was measured first.
 
     Parameters
@@ -88,6 +88,8 @@ def fit_seldom(recordings: Sequence[Recording], start: Model, *, counts_per_rev:
         By the data sheets.
     counts_per_rev : int
         Of the encoder.
+    passes : SteadyPasses
+        Of its strokes at constant speed.
 
     Returns
     -------
@@ -104,7 +106,7 @@ def fit_seldom(recordings: Sequence[Recording], start: Model, *, counts_per_rev:
         return None
     here = told[0].sidecar.start_position_m or 0.0
     told = [r for r in told if abs((r.sidecar.start_position_m or 0.0) - here) < ONE_PLACE_M]
-    found = estimate(told, released(start), LATE_S)  # which keeps near the data sheets what the rows do not tell
+    found = estimate(told, released(start), LATE_S, passes=passes)  # which keeps near the data sheets what the rows do not tell
     fixed = [name for name in found.model.parameters if name not in (LEFT, "transmission.ratio")]
     rest = fit_model(recordings, found.model, counts_per_rev=counts_per_rev, fixed=fixed)
     return SeldomFit(rest.data, rest.fitted, found.model, found, 2.0 * math.pi / counts_per_rev)

@@ -15,10 +15,13 @@ import numpy as np
 from scipy.special import stdtrit
 
 from beltcomm.errors import DataError
-from beltcomm.identify.friction import FrictionFit, Plateau, find_plateaus, fit_friction
+from beltcomm.fit.start.undersampled import SteadyPasses
+from beltcomm.identify.friction import FrictionFit, Plateau, find_plateaus, fit_friction, slowest_fitted_rad_s
+from beltcomm.model import Model
 from beltcomm.model.value import NORMAL_95, Value
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar
+from beltcomm.simulate.stopping import total_inertia
 
 #: Key of a sidecar that says which sweep a record belongs to.
 KEY = "sweep"
@@ -200,6 +203,28 @@ def sweeps_of(recordings: Sequence[Recording], slowest_rad_s: float = 0.0, inert
             parts.setdefault(key, []).append(recording)
     found = [_sweep(records, slowest_rad_s, inertia_kg_m2) for records in parts.values()]
     return tuple(sorted((s for s in found if s.plateaus), key=lambda s: (s.note.measurement, s.from_s or 0.0, s.records)))
+
+
+def steady_passes(recordings: Sequence[Recording], model: Model) -> SteadyPasses:
+    """Passes of all sweeps that are fitted, fast enough for viscous and Coulomb friction.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Of a run.
+    model : Model
+        Whose inertia is taken off passes that miss their speed.
+
+    Returns
+    -------
+    SteadyPasses
+        In the order of the records.
+    """
+    inertia, slowest = total_inertia(model), slowest_fitted_rad_s(model["transmission.ratio"])
+    sweeps = (r for r in recordings if r.sidecar.experiment == "friction_sweep" and not r.sidecar.held_out)
+    passes = [p for r in sweeps if r.reference_velocity is not None for p in plateaus_of(r, inertia)]
+    rows = [(p.speed_rad_s, p.torque_nm, p.error_nm) for p in passes if abs(p.speed_rad_s) > slowest]
+    return SteadyPasses(*np.array(rows).reshape(-1, 3).T)
 
 
 def plateaus_of(recording: Recording, inertia_kg_m2: float) -> tuple[Plateau, ...]:

@@ -85,6 +85,10 @@ class Machine:
         What was written last.
     closed
         Model and delay, s, that loops are counted with.
+    family
+        Models that the axis may be as far as anyone knows, that one among them.
+    free_share
+        Of the travel, that strokes of a weak loop leave free at either end.
     planned_s
         The agreed plan's, s.
     loop_tried
@@ -111,6 +115,8 @@ class Machine:
         self.braking: Braking | None = None
         self.guarding: Guarding | None = None
         self.closed: tuple[Model, float] | None = None
+        self.family: tuple[Model, ...] = ()
+        self.free_share = 0.0
         self.cascade: Cascade | None = None
         self.feedforward: Feedforward | None = None  # sent with every reference, where the drive holds none itself
         self.loop_tried = self.stop_tried = False
