@@ -88,6 +88,8 @@ class Candidate:
         A carriage that strays as freely without it explains as much, see ``gaps``.
     idle : bool
         The plain error does not fall, of the fitted records or of those held out.
+    of_path : bool
+        A delay that explains no more than what a fitted torque path leaves, see ``acceptance``.
     beside : str
         Effect that hides it and with which it was judged, see ``gap_behind_delay``; "" where it explains that alone.
     """
@@ -103,6 +105,7 @@ class Candidate:
     grows: bool = False
     unneeded: bool = False
     idle: bool = False
+    of_path: bool = False
     beside: str = ""
 
     @property
@@ -125,6 +128,8 @@ class Candidate:
             return "a carriage that strays as far without it explains as much"
         if self.idle:
             return "the error in plain units does not fall"
+        if self.of_path:
+            return "so small a delay may be left by what is known of the torque path"
         if is_refuted(self.evidence, self.held_out_gain):
             return "records held out speak against it"
         return f"evidence below {EVIDENCE:.0f}" if self.evidence <= EVIDENCE else "explains too little"
@@ -314,12 +319,15 @@ def candidate(data: Data, base: Fitted, effect: Effect, promised: float, best: F
     held_out_gain = base.held_out_objective - best.held_out_objective
     hollow = bool(impossible(best.model)) or any(bad(best.model, effect) for bad in (exceeds_bounds, is_negligible, only_cancels))
     grows = share_left(base, best) >= 1.0
-    accepted = enough(evidence, explained, drop, held_out_gain, base) and not (hollow or grows or is_left_by_path(data, base, best, effect))
+    of_path = is_left_by_path(data, base, best, effect)
+    accepted = enough(evidence, explained, drop, held_out_gain, base) and not (hollow or grows or of_path)
     if accepted and (means := drop_in_means(data, base, best)) < drop:
         evidence = means - bic_penalty(effect, base, starts)
         accepted = evidence > EVIDENCE
     idle = accepted and not lowers(data, base, best)
-    return Candidate(effect, promised, evidence, explained, held_out_gain, best, accepted and not idle, hollow, grows, idle=idle)
+    return Candidate(
+        effect, promised, evidence, explained, held_out_gain, best, accepted and not idle, hollow, grows, idle=idle, of_path=of_path
+    )
 
 
 def refit_with(data: Data, base: Fitted, way: Scored, goal: float = math.inf) -> Fitted:
