@@ -1,4 +1,6 @@
-"""Types of arrays."""
+"""Types of arrays, the spread of one that outliers do not move, and the runs of a mask."""
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,3 +8,17 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+#: Numbers of any type, or texts: a column as a file has it.
+Column = NDArray[Any]
+
+
+def robust_deviation(values: Array) -> float:
+    """Standard deviation of normal numbers about 0, by the median of their sizes."""
+    return 1.4826 * float(np.median(np.abs(values)))
+
+
+def runs_of(mask: BoolArray) -> list[tuple[int, int]]:
+    """First row, and the row behind the last, of each run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8)))
+    return [(int(begin), int(end)) for begin, end in edges.reshape(-1, 2)]

@@ -69,18 +69,53 @@ _BY_LENGTH = sorted(UNITS, key=len, reverse=True)
 
 
 def suffix_of(name: str) -> str:
-    """The unit suffix of a name (``"nm_rad"`` of ``stiffness_nm_rad``), "" when it has none."""
+    """The unit suffix of a name.
+
+    Parameters
+    ----------
+    name : str
+        ``stiffness_nm_rad``.
+
+    Returns
+    -------
+    str
+        ``"nm_rad"``; "" when it has none.
+    """
     return next((suffix for suffix in _BY_LENGTH if name.endswith(f"_{suffix}")), "")
 
 
 def unit_of(name: str) -> str:
-    """The unit of a named quantity as printed, "" when the name has none."""
+    """The unit of a named quantity as printed.
+
+    Parameters
+    ----------
+    name : str
+        ``stiffness_nm_rad``.
+
+    Returns
+    -------
+    str
+        ``"N m/rad"``; "" when the name has none.
+    """
     suffix = suffix_of(name)
     return UNITS[suffix].symbol if suffix else ""
 
 
 def in_other_unit(name: str, wanted: str) -> float | None:
-    """Factor from ``name`` to ``wanted`` when both name one quantity in two units (``t_ms``, ``t_s``), else None."""
+    """Factor between two names of one quantity.
+
+    Parameters
+    ----------
+    name : str
+        In another unit, ``t_ms``.
+    wanted : str
+        In SI, ``t_s``.
+
+    Returns
+    -------
+    float or None
+        From the former to the latter; None when they name two quantities.
+    """
     suffix = suffix_of(wanted)
     stem = wanted.removesuffix(suffix)
     found = name.lower().removeprefix(stem)

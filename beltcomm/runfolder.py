@@ -54,7 +54,22 @@ _KINDS = {"models": "model", "designs": "design", "results": "result"}
 
 
 def next_free(stem: str, taken: Collection[str], first: int = 1) -> str:
-    """``STEM1``, ``STEM2`` and so on, the first that is not taken: of what somebody took away, a count would name what stays."""
+    """First name that is not taken: of what somebody took away, a count would name what stays.
+
+    Parameters
+    ----------
+    stem : str
+        To which a number is added.
+    taken : collection of str
+        Names that stand.
+    first : int
+        Number to begin with.
+
+    Returns
+    -------
+    str
+        ``STEM1``, ``STEM2`` and so on.
+    """
     return next(name for number in count(first) if (name := f"{stem}{number}") not in taken)
 
 
@@ -676,8 +691,17 @@ class RunFolder:
 
 
 def is_new(path: Path) -> bool:
-    """True if nothing is lost when a run begins in this folder: it is empty, or the run in it ended before anything was recorded or
-    written to a drive, as after a no.
+    """True if nothing is lost when a run begins in a folder.
+
+    Parameters
+    ----------
+    path : Path
+        Need not exist.
+
+    Returns
+    -------
+    bool
+        True for an empty one, or where the run in it ended before anything was recorded or written to a drive, as after a no.
     """
     if not path.is_dir():
         return not path.exists()

@@ -13,7 +13,7 @@ from beltcomm.design.compensation import compensation
 from beltcomm.design.compliant import Leading, lead_motion, torque_along
 from beltcomm.design.led_reference import LedReference, led_reference
 from beltcomm.model import Model
-from beltcomm.simulate.setpoints import SetpointGrid
+from beltcomm.simulate.loop import SetpointGrid
 from beltcomm.trajectory import Trajectory
 from beltcomm.verify import Loop, PredictedMove, demand, predict_move
 

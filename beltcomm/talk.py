@@ -134,7 +134,7 @@ class Hold(Protocol):
         """Before a motion: wait until it is held.  False when it never will be."""
         ...
 
-    def held(self) -> bool:
+    def pressed(self) -> bool:
         """True if it is held now; asked every few rows of a motion, so it must answer at once."""
         ...
 

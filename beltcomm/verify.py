@@ -15,11 +15,11 @@ from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.effects.tilt import GRAVITY_M_S2
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.model import Model
+from beltcomm.model.value import NORMAL_95
 from beltcomm.quantities import mm
 from beltcomm.recording import Recording
-from beltcomm.simulate.loop import LoopDrive, close_loop
+from beltcomm.simulate.loop import LoopDrive, SetpointGrid, close_loop
 from beltcomm.simulate.plant import SimulatedPlant
-from beltcomm.simulate.setpoints import SetpointGrid
 from beltcomm.simulate.stopping import total_friction, total_inertia, total_viscous
 from beltcomm.trajectory import Trajectory
 
@@ -167,12 +167,36 @@ class PredictedMove:
         return self.error_for(NO_TARGETS)
 
     def error_for(self, targets: AxisTargets) -> TrackingError:
-        """At the motor, settled as the targets have it."""
+        """Tracking error at the motor.
+
+        Parameters
+        ----------
+        targets : AxisTargets
+            That say from when on a move counts as settled.
+
+        Returns
+        -------
+        TrackingError
+            In m at the carriage.
+        """
         return tracking_error(self.t_s, self.reference_m, self.motor_m, targets)
 
 
 def demand(trajectory: Trajectory, model: Model) -> Demand:
-    """Largest speed, acceleration, feed force and motor torque of a move.   Source: (4.15), (2.22)."""
+    """Largest speed, acceleration, feed force and motor torque of a move.   Source: (4.15), (2.22).
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        Of the carriage.
+    model : Model
+        With a carriage.
+
+    Returns
+    -------
+    Demand
+        Carriage side; its torque at the motor shaft.
+    """
     ratio, mass = model["transmission.ratio"], model["cart.mass"]
     a, v = trajectory.acceleration_m_s2, trajectory.velocity_m_s
     gravity = mass * GRAVITY_M_S2 * math.sin(model.get("tilt.angle"))
@@ -270,7 +294,7 @@ def _drawn(model: Model, random: np.random.Generator) -> Model:
     stays where the fit has both.
     """
     known = {n: p for n, p in model.parameters.items() if p.interval is not None and p.interval < 0.5 * (p.high - p.low)}
-    deviates = random.standard_normal(len(known)) / 1.96
+    deviates = random.standard_normal(len(known)) / NORMAL_95
     return model.with_values(
         {n: float(np.clip(p.value + d * (p.interval or 0.0), p.low, p.high)) for (n, p), d in zip(known.items(), deviates, strict=True)}
     )

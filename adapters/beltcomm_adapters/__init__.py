@@ -13,9 +13,8 @@ gains, scaling   named parameters, and SI units of a drive's raw numbers
 cia402           states, control words, faults           sdo          objects by number, values lent and given back
 examination      what `beltcomm doctor` looks at
 link             one node on one bus: frames, emergencies, signs of life
-virtual          the same drive on the virtual bus       virtual_serial   ... at its virtual RS-232 port
+virtual          the same drive on the virtual bus, for other processes, too       virtual_serial   ... at its virtual RS-232 port
 synctime         the host's clock where a drive's time is the count of SYNCs
-virtual_service  the virtual drive for other processes
 """
 
 from beltcomm.virtual import bare_can as bare_can  # before anything of it imports can

@@ -16,7 +16,7 @@ from beltcomm.drive.finding import Finding
 from beltcomm.drive.objects import DictionaryEntry
 from beltcomm.errors import BusError, DriveError, Refused, UsageError
 from beltcomm_adapters import host_reaction
-from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, MonotonicClock, is_can_bus, open_bus
+from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, LoggedBus, MonotonicClock, is_can_bus, open_bus
 from beltcomm_adapters.cia402 import State
 from beltcomm_adapters.consistency import Odometer, SpeedUnit
 from beltcomm_adapters.examination.can import examine_can
@@ -33,7 +33,6 @@ from beltcomm_adapters.identification import (
 from beltcomm_adapters.interrupts import deferred_interrupt
 from beltcomm_adapters.link import NMT_PRE_OPERATIONAL, Link, find_nodes
 from beltcomm_adapters.listening import BusListening, HeardBus
-from beltcomm_adapters.logged import LoggedBus
 from beltcomm_adapters.motion import Run
 from beltcomm_adapters.new_profile import facts_of_bus, facts_of_file, text_of
 from beltcomm_adapters.object_drive import ObjectDrive

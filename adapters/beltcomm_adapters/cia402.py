@@ -101,9 +101,19 @@ _EMERGENCY_GROUPS: Final = {
 
 
 def state_of(statusword: int) -> State:
-    """The state a statusword tells.
+    """The state that a statusword tells.
 
-    Bit 3 alone means a fault: drives differ in the other bits of that row.  An unknown pattern counts as not ready.
+    Bit 3 alone means a fault: drives differ in the other bits of that row.
+
+    Parameters
+    ----------
+    statusword : int
+        6041h.
+
+    Returns
+    -------
+    State
+        An unknown pattern counts as not ready.
     """
     for mask, pattern, state in _PATTERNS:
         if statusword & mask == pattern:
@@ -112,15 +122,36 @@ def state_of(statusword: int) -> State:
 
 
 def step_to_enabled(state: State) -> int:
-    """The control word that leads one confirmed step on from ``state`` towards Operation Enabled; 0 where only waiting helps.
+    """Control word that leads one confirmed step on towards Operation Enabled.
 
-    Never a fault reset: leaving a fault is a decision of its own.
+    Parameters
+    ----------
+    state : State
+        As the drive has confirmed it.
+
+    Returns
+    -------
+    int
+        For 6040h; 0 where only waiting helps.  Never a fault reset: leaving a fault is a decision of its own.
     """
     return _TOWARDS_ENABLED.get(state, DISABLE_VOLTAGE)
 
 
 def emergency_text(code: int, special: Mapping[int, str]) -> str:
-    """Meaning of an EMCY error code: the maker's text, CiA 402's, or the group of CiA 301."""
+    """Meaning of an EMCY error code.
+
+    Parameters
+    ----------
+    code : int
+        As the drive sent it, or 603Fh.
+    special : Mapping[int, str]
+        The maker's own codes, from the profile.
+
+    Returns
+    -------
+    str
+        The maker's text, CiA 402's, or the group of CiA 301.
+    """
     if code in special:
         return special[code]
     if code in _STANDARD_EMERGENCIES:
@@ -136,7 +167,18 @@ class Wire(Protocol):
     restarted: bool
 
     def pump(self, timeout_s: float) -> bool:
-        """Wait at most ``timeout_s`` for something to come."""
+        """Wait for something to come.
+
+        Parameters
+        ----------
+        timeout_s : float, s
+            At most so long.
+
+        Returns
+        -------
+        bool
+            False when nothing came.
+        """
         ...
 
     def forget_emergency(self) -> None:
@@ -162,7 +204,18 @@ class StateMachine:
         return state_of(self.statusword())
 
     def fault(self, doing: str) -> DriveFault:
-        """The drive's fault as an exception: code and text from its EMCY, else from 603Fh; a restart is one too."""
+        """The drive's fault as an exception; a restart is one too.
+
+        Parameters
+        ----------
+        doing : str
+            What was being done, for the sentence.
+
+        Returns
+        -------
+        DriveFault
+            With code and text from its EMCY, else from 603Fh.
+        """
         if self._link.restarted:
             return DriveFault(
                 f"the drive restarted while {doing}: what was written to it since its last power-on is gone; check its supply and its "
@@ -191,7 +244,20 @@ class StateMachine:
         self._link.forget_emergency()
 
     def enable(self, timeout_s: float = 3.0) -> None:
-        """Step by step to Operation Enabled, each state confirmed.  Raises DriveFault, DriveError when the drive does not follow."""
+        """Step by step to Operation Enabled, each state confirmed.
+
+        Parameters
+        ----------
+        timeout_s : float, s
+            For all steps together.
+
+        Raises
+        ------
+        DriveFault
+            When the drive is in fault or goes into it.
+        DriveError
+            When it does not follow.
+        """
         end_s = self._clock.now() + timeout_s
         commanded: int | None = None
         while (state := state_of(word := self.statusword())) is not State.OPERATION_ENABLED:
@@ -208,7 +274,20 @@ class StateMachine:
                 self._link.pump(0.01)
 
     def disable(self, timeout_s: float = 3.0) -> None:
-        """Quick stop when the axis is enabled, then take the stage off.  Raises BusError, DriveError when it stays on."""
+        """Quick stop when the axis is enabled, then take the stage off.
+
+        Parameters
+        ----------
+        timeout_s : float, s
+            For the stop, and again for the stage.
+
+        Raises
+        ------
+        BusError
+            When the drive does not answer.
+        DriveError
+            When the stage stays on.
+        """
         state = self.state()
         if state is State.OPERATION_ENABLED:
             self._objects.write(0x6040, 0, "uint16", QUICK_STOP)
@@ -219,7 +298,18 @@ class StateMachine:
             raise DriveError(f"the drive stays in {self.state().words} after Disable Voltage; switch its power off")
 
     def confirm_mode(self, mode: int) -> None:
-        """Wait up to half a second until 6061h shows the mode that was written to 6060h.  Raises DriveError."""
+        """Wait up to half a second until the drive shows the mode that was asked for.
+
+        Parameters
+        ----------
+        mode : int
+            As written to 6060h; 6061h must show it.
+
+        Raises
+        ------
+        DriveError
+            When it does not.
+        """
         end_s = self._clock.now() + 0.5
         while (shown := self._objects.read_int(0x6061, 0, "int8")) != mode:
             if self._clock.now() >= end_s:

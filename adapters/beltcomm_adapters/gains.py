@@ -1,4 +1,7 @@
-"""Named parameters of a drive and the objects that hold them: written, read back, and put back when one fails."""
+"""Named parameters of a drive and the objects that hold them: written, read back, and put back when one fails.
+
+Objects that records borrow beside the parameters are read before the first record, so that a killed session's can go back.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +14,40 @@ from beltcomm.control import CascadeStructure
 from beltcomm.drive.objects import GAIN, ObjectValue, ParameterObject, name_of, ordered, packed
 from beltcomm.drive.parameters import LIMIT_NAMES
 from beltcomm.errors import BeltcommError, DriveError, ObjectRefused, Refused, UsageError
-from beltcomm_adapters.borrowed import HOMING, LENT_TO_RECORDS, MODE
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
 from beltcomm_adapters.sdo import ABSENT, Lending, Objects
+
+#: Mode of operation; 0, "no mode", is where a drive starts and cannot be gone back to.
+MODE: Final = (0x6060, 0, "int8")
+#: Method of homing, borrowed where a profile states one.
+HOMING: Final = (0x6098, 0, "int8")
+#: Borrowed by a record, a stroke or their guarding: index, subindex, type, in the order in which they go back.
+LENT_TO_RECORDS: Final = (
+    MODE,
+    (0x605A, 0, "int16"),
+    (0x6081, 0, "uint32"),
+    (0x6083, 0, "uint32"),
+    (0x6084, 0, "uint32"),
+    (0x6085, 0, "uint32"),
+    (0x6086, 0, "int16"),
+    (0x6087, 0, "uint32"),
+    (0x6065, 0, "uint32"),
+    (0x6066, 0, "uint16"),
+    (0x607D, 1, "int32"),
+    (0x607D, 2, "int32"),
+    (0x60C0, 0, "int16"),
+    (0x60C1, 2, "uint8"),
+    (0x60C2, 2, "int8"),
+    (0x60C2, 1, "uint8"),
+    (0x6007, 0, "int16"),
+    (0x1029, 1, "uint8"),
+    (0x1016, 1, "uint32"),
+    (0x100D, 0, "uint8"),
+    (0x100C, 0, "uint16"),
+    (0x1017, 0, "uint16"),
+)
+
 
 #: The gains whose meaning a step test finds, where the profile does not know it.
 MEASURED: Final = (GAIN, "ki_nm_rad", "kpp_1_s")

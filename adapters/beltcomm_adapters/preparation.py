@@ -12,8 +12,8 @@ import numpy as np
 from beltcomm.drive import FOLLOWING_ERROR_S, Array, Capabilities, Limits, Motion
 from beltcomm.drive.objects import name_of
 from beltcomm.errors import DriveError, ObjectRefused, Refused, UsageError
-from beltcomm_adapters.borrowed import HOMING
 from beltcomm_adapters.cia402 import StateMachine
+from beltcomm_adapters.gains import HOMING
 from beltcomm_adapters.host_reaction import heed
 from beltcomm_adapters.identification import sync_period_s
 from beltcomm_adapters.link import HOST_NODE
@@ -52,15 +52,7 @@ def check_motion(
         offered = ", ".join(sorted(capabilities.kinds)) or "none"
         raise UsageError(f"{capabilities.name} cannot run a motion of kind {motion.kind!r}; it offers {offered}")
     _check_period(motion, capabilities, profile)
-    if not (
-        limits.position_min_rad < limits.position_max_rad and min(limits.speed_rad_s, limits.torque_nm, limits.deceleration_rad_s2) > 0
-    ):
-        raise UsageError(f"these limits leave no room to move: {limits}")
-    if not limits.position_min_rad <= here_rad <= limits.position_max_rad:
-        raise UsageError(
-            f"{'the carriage' if limits.ratio_m_rad else 'the motor'} stands at {limits.where(here_rad)}, outside the window "
-            f"{limits.where(limits.position_min_rad)} to {limits.where(limits.position_max_rad)}; move the carriage into it first"
-        )
+    check_room(limits, here_rad)
     for name in ("position_rad", "velocity_rad_s", "torque_nm"):
         if not np.all(np.isfinite(getattr(motion, name))):
             raise UsageError(f"{name} of the motion contains values that are no numbers")
@@ -77,9 +69,10 @@ def check_motion(
             "amplitude or raise torque_limit_nm"
         )
     if motion.kind == "velocity":
-        _check_speed(motion.velocity_rad_s, limits)
+        check_speed(motion.velocity_rad_s, limits)
     if motion.kind == "position":
-        _check_path(motion, limits, here_rad)
+        check_path(motion, limits, here_rad)
+        check_speed(np.diff(motion.position_rad, prepend=motion.position_rad[0]) / motion.period_s, limits)
 
 
 def _check_period(motion: Motion, capabilities: Capabilities, profile: Profile) -> None:
@@ -103,13 +96,21 @@ def _check_torque_input(motion: Motion, profile: Profile) -> None:
         )
 
 
-def _check_speed(velocity_rad_s: Array, limits: Limits) -> None:
-    fastest = float(np.abs(velocity_rad_s).max())
-    if fastest > limits.speed_rad_s * (1 + 1e-9):
-        raise UsageError(f"the motion reaches {fastest:.4g} rad/s, the limit is {limits.speed_rad_s:.4g} rad/s; slow it down")
+def check_room(limits: Limits, here_rad: float) -> None:
+    """Raise UsageError for limits that leave no room to move, or an axis that stands outside them.   here_rad : motor angle, rad."""
+    if not (
+        limits.position_min_rad < limits.position_max_rad and min(limits.speed_rad_s, limits.torque_nm, limits.deceleration_rad_s2) > 0
+    ):
+        raise UsageError(f"these limits leave no room to move: {limits}")
+    if not limits.position_min_rad <= here_rad <= limits.position_max_rad:
+        raise UsageError(
+            f"{'the carriage' if limits.ratio_m_rad else 'the motor'} stands at {limits.where(here_rad)}, outside the window "
+            f"{limits.where(limits.position_min_rad)} to {limits.where(limits.position_max_rad)}; move the carriage into it first"
+        )
 
 
-def _check_path(motion: Motion, limits: Limits, here_rad: float) -> None:
+def check_path(motion: Motion, limits: Limits, here_rad: float) -> None:
+    """Raise UsageError for a path that leaves the window, or begins elsewhere than the motor stands.   here_rad : motor angle, rad."""
     path = motion.position_rad
     low, high = float(path.min()), float(path.max())
     if low < limits.position_min_rad or high > limits.position_max_rad:
@@ -119,7 +120,13 @@ def _check_path(motion: Motion, limits: Limits, here_rad: float) -> None:
         )
     if abs(path[0] - here_rad) > limits.speed_rad_s * motion.period_s:
         raise UsageError(f"the motion starts at {path[0]:.4g} rad, but the motor stands at {here_rad:.4g} rad; start it where the axis is")
-    _check_speed(np.diff(path, prepend=path[0]) / motion.period_s, limits)
+
+
+def check_speed(velocity_rad_s: Array, limits: Limits) -> None:
+    """Raise UsageError for velocities, rad/s at the motor, above the limit."""
+    fastest = float(np.abs(velocity_rad_s).max())
+    if fastest > limits.speed_rad_s * (1 + 1e-9):
+        raise UsageError(f"the motion reaches {fastest:.4g} rad/s, the limit is {limits.speed_rad_s:.4g} rad/s; slow it down")
 
 
 def prepare(

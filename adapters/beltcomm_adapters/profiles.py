@@ -198,14 +198,41 @@ class Profile:
         return self.actual_torque.index, self.actual_torque.subindex, 32 if self.actual_torque.type == "int32" else 16
 
     def with_modes(self, available: Collection[int]) -> Profile:
-        """The profile with the first mode of each kind that a drive has; the first of all where it has none."""
+        """The profile with the modes that a drive has.
+
+        Parameters
+        ----------
+        available : collection of int
+            Modes of operation, 6502h.
+
+        Returns
+        -------
+        Profile
+            Of each kind the first mode that is available; the first of all where none is.
+        """
         best = {kind: next((mode for mode in modes if mode in available), modes[0]) for kind, modes in self.choices.items()}
         return replace(self, modes=best)
 
 
 @cache
 def load_profile(name: str) -> Profile:
-    """The profile called ``name``.  Raises UsageError when there is none, or when its file is not as it must be."""
+    """A profile by its name.
+
+    Parameters
+    ----------
+    name : str
+        Of a shipped one, or a path.
+
+    Returns
+    -------
+    Profile
+        Checked.
+
+    Raises
+    ------
+    UsageError
+        When there is none, or when its file is not as it must be.
+    """
     path = find_config("drives", name)
     raw = read_yaml(path)
     if wrong := list(faults(raw)):
@@ -223,7 +250,23 @@ def load_profile(name: str) -> Profile:
 
 
 def completed(raw: Mapping[str, Any]) -> dict[str, Any]:
-    """A file of a user's own with the entries of the shipped profile that it is ``like``; chosen by name only.   Raises UsageError."""
+    """A file of a user's own with the entries of the shipped profile that it is ``like``; chosen by name only.
+
+    Parameters
+    ----------
+    raw : Mapping[str, Any]
+        As it stands in the file.
+
+    Returns
+    -------
+    dict of str to Any
+        Each entry with its source.
+
+    Raises
+    ------
+    UsageError
+        When no shipped profile has that name.
+    """
     like = str(raw.get("like", LIKE))
     base = read_yaml(find_config("drives", like)) if like in config_names("drives") else None
     if base is None:
@@ -239,9 +282,26 @@ def completed(raw: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def choose_profile(identity: Mapping[str, str], wanted: str | None) -> Profile:
-    """The profile of the drive with this ``identity`` (keys vendor_id, product_code, device_name), or the ``wanted`` one.
+    """The profile of a drive.
 
     A profile fits when everything under its ``match`` is equal; an empty ``match`` fits every drive and is tried last.
+
+    Parameters
+    ----------
+    identity : Mapping[str, str]
+        What it says of itself: vendor_id, product_code, device_name.
+    wanted : str or None
+        Profile that was asked for.
+
+    Returns
+    -------
+    Profile
+        The one wanted, else that whose ``match`` asks for most of what fits.
+
+    Raises
+    ------
+    UsageError
+        For a drive that is not on CANopen.
     """
     if wanted is not None:
         chosen = load_profile(wanted)

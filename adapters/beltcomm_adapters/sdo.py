@@ -156,7 +156,25 @@ class Objects(ABC):
 
     @abstractmethod
     def read_bytes(self, index: int, subindex: int = 0) -> bytes:
-        """Raw content of an object, little endian.  Raises ObjectRefused, BusError."""
+        """Raw content of an object.
+
+        Parameters
+        ----------
+        index, subindex : int
+            Place in the dictionary.
+
+        Returns
+        -------
+        bytes
+            Little endian.
+
+        Raises
+        ------
+        ObjectRefused
+            When the drive aborts.
+        BusError
+            When it does not answer.
+        """
 
     @abstractmethod
     def write_bytes(self, index: int, subindex: int, data: bytes, verb: str) -> None:
@@ -174,12 +192,48 @@ class Objects(ABC):
 
     @abstractmethod
     def save(self, place: Place = SAVE_PLACE, value: int = SAVE, time_s: float | None = None) -> None:
-        """Make all parameters permanent by this object, in ``time_s`` at most.  Raises ObjectRefused, BusError."""
+        """Make all parameters permanent by one object.
+
+        Parameters
+        ----------
+        place : tuple of int, int, str
+            Index, subindex and type of that object.
+        value : int
+            Written to it.
+        time_s : float or None, s
+            Patience; None for the usual one.
+
+        Raises
+        ------
+        ObjectRefused
+            When the drive aborts.
+        BusError
+            When it does not answer.
+        """
 
     def read(self, index: int, subindex: int, kind: str) -> float:
-        """Value of an object of type ``kind`` (a key of :data:`beltcomm.drive.objects.TYPES`).
+        """Value of an object.
 
-        Raises ObjectRefused, BusError, DriveError.
+        Parameters
+        ----------
+        index, subindex : int
+            Place in the dictionary.
+        kind : str
+            A key of :data:`beltcomm.drive.objects.TYPES`.
+
+        Returns
+        -------
+        float
+            As it stands on the wire, in the drive's own units.
+
+        Raises
+        ------
+        ObjectRefused
+            When the drive aborts.
+        BusError
+            When it does not answer.
+        DriveError
+            When it holds fewer bytes than its type.
         """
         raw = self.read_bytes(index, subindex)
         layout = TYPES[kind][0]
@@ -189,11 +243,47 @@ class Objects(ABC):
         return value
 
     def read_int(self, index: int, subindex: int, kind: str) -> int:
-        """As :meth:`read`, for whole numbers."""
+        """Value of an object that is a whole number.
+
+        Parameters
+        ----------
+        index, subindex : int
+            Place in the dictionary.
+        kind : str
+            A key of :data:`beltcomm.drive.objects.TYPES`.
+
+        Returns
+        -------
+        int
+            As :meth:`read`.
+
+        Raises
+        ------
+        ObjectRefused, BusError, DriveError
+            As :meth:`read`.
+        """
         return int(self.read(index, subindex, kind))
 
     def read_if_there(self, index: int, subindex: int, kind: str) -> int | None:
-        """As :meth:`read_int`; None when the drive has no such object."""
+        """Value of an object that a drive need not have.
+
+        Parameters
+        ----------
+        index, subindex : int
+            Place in the dictionary.
+        kind : str
+            A key of :data:`beltcomm.drive.objects.TYPES`.
+
+        Returns
+        -------
+        int or None
+            None when the drive has no such object.
+
+        Raises
+        ------
+        ObjectRefused, BusError, DriveError
+            As :meth:`read`.
+        """
         try:
             return self.read_int(index, subindex, kind)
         except ObjectRefused as error:
@@ -202,14 +292,51 @@ class Objects(ABC):
             raise
 
     def read_text(self, index: int, subindex: int = 0) -> str:
-        """Content of a VISIBLE_STRING object, "" when the drive has none."""
+        """Content of a VISIBLE_STRING object.
+
+        Parameters
+        ----------
+        index, subindex : int
+            Place in the dictionary.
+
+        Returns
+        -------
+        str
+            "" when the drive has none.
+
+        Raises
+        ------
+        BusError
+            When it does not answer.
+        """
         try:
             return self.read_bytes(index, subindex).rstrip(b"\x00").decode("ascii", "replace").strip()
         except ObjectRefused:
             return ""
 
     def write(self, index: int, subindex: int, kind: str, value: float) -> None:
-        """Write an object.  Raises ObjectLocked, ObjectRefused, BusError, DriveError (no room for the value)."""
+        """Write an object.
+
+        Parameters
+        ----------
+        index, subindex : int
+            Place in the dictionary.
+        kind : str
+            A key of :data:`beltcomm.drive.objects.TYPES`.
+        value : float
+            As it stands on the wire, in the drive's own units.
+
+        Raises
+        ------
+        ObjectLocked
+            For one that is never written.
+        ObjectRefused
+            When the drive aborts.
+        BusError
+            When it does not answer.
+        DriveError
+            When the value does not fit its type.
+        """
         try:
             data = packed(kind, value)
         except ValueError as error:
@@ -288,12 +415,38 @@ class SdoObjects(Objects):
 
 
 def abort_text(code: int) -> str:
-    """Meaning of an abort code (CiA 301, table 22)."""
+    """Meaning of an abort code.
+
+    Parameters
+    ----------
+    code : int
+        CiA 301, table 22.
+
+    Returns
+    -------
+    str
+        With the code behind it.
+    """
     return f"{SdoAbortedError.CODES.get(code, 'no standard text')} (abort code {code:08X}h)"
 
 
 def refusal(index: int, subindex: int, verb: str, code: int) -> ObjectRefused:
-    """The exception for an abort code."""
+    """The exception for an abort code.
+
+    Parameters
+    ----------
+    index, subindex : int
+        Place in the dictionary.
+    verb : str
+        What was tried: read, write 3.
+    code : int
+        As the drive sent it.
+
+    Returns
+    -------
+    ObjectRefused
+        With what to look at.
+    """
     what = f"{verb} to" if verb.startswith("write") else verb
     return ObjectRefused(
         f"the drive refused to {what} object {name_of(index, subindex)}: {abort_text(code)}; "
@@ -348,12 +501,45 @@ class Lending:
             raise
 
     def keep(self, index: int, subindex: int, kind: str) -> None:
-        """Remember what stands there, for whoever writes it afterwards.  Raises as :meth:`Objects.read`."""
+        """Remember what stands in an object, for whoever writes it afterwards.
+
+        Parameters
+        ----------
+        index, subindex : int
+            Place in the dictionary.
+        kind : str
+            A key of :data:`beltcomm.drive.objects.TYPES`.
+
+        Raises
+        ------
+        ObjectRefused, BusError, DriveError
+            As :meth:`Objects.read`.
+        """
         self._unchanged.discard((index, subindex))
         self._lent.append((index, subindex, kind, self._objects.read(index, subindex, kind)))
 
     def set_if_there(self, index: int, subindex: int, kind: str, value: float) -> bool:
-        """As :meth:`set`; False when the drive has no such object, or does not let it be written: then :attr:`refused` tells."""
+        """Write an object that a drive need not have, and remember what stood there.
+
+        Parameters
+        ----------
+        index, subindex : int
+            Place in the dictionary.
+        kind : str
+            A key of :data:`beltcomm.drive.objects.TYPES`.
+        value : float
+            As for :meth:`Objects.write`.
+
+        Returns
+        -------
+        bool
+            False when the drive has no such object, or does not let it be written: then :attr:`refused` tells.
+
+        Raises
+        ------
+        ObjectLocked, BusError, DriveError
+            As :meth:`Objects.write`.
+        """
         try:
             self.set(index, subindex, kind, value)
         except ObjectRefused as error:
@@ -368,7 +554,20 @@ class Lending:
         return list(reversed(first.values()))
 
     def promise(self, index: int, subindex: int, value: float) -> bool:
-        """Give this value back in place of the one found; False when the object is not lent."""
+        """Give another value back in place of the one found.
+
+        Parameters
+        ----------
+        index, subindex : int
+            Place in the dictionary.
+        value : float
+            As for :meth:`Objects.write`.
+
+        Returns
+        -------
+        bool
+            False when the object is not lent.
+        """
         for number, (i, s, kind, _) in enumerate(self._lent):
             if (i, s) == (index, subindex):
                 self._unchanged.discard((i, s))

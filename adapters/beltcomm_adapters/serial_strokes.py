@@ -10,6 +10,7 @@ import numpy as np
 
 from beltcomm.drive import Capabilities, Limits, Motion
 from beltcomm.errors import UsageError
+from beltcomm_adapters.preparation import check_path, check_room, check_speed
 from beltcomm_adapters.scaling import Scaling
 
 #: Largest distance of a path from the trapezoid that stands for it, as a share of its way: a rounded ramp is 2 % off.
@@ -133,24 +134,12 @@ def check_limits(motion: Motion, limits: Limits, capabilities: Capabilities, her
     if motion.kind not in capabilities.kinds:
         why = capabilities.refused.get(motion.kind, "it has no such mode")
         raise UsageError(f"{capabilities.name} cannot run a motion of kind {motion.kind!r}: {why}")
-    low, high = limits.position_min_rad, limits.position_max_rad
-    if not (low < high and min(limits.speed_rad_s, limits.torque_nm, limits.deceleration_rad_s2) > 0):
-        raise UsageError(f"these limits leave no room to move: {limits}")
-    what, window = "the carriage" if limits.ratio_m_rad else "the motor", f"{limits.where(low)} to {limits.where(high)}"
-    if not low <= here_rad <= high:
-        raise UsageError(f"{what} stands at {limits.where(here_rad)}, outside the window {window}; move the carriage into it first")
-    path, velocity = motion.position_rad, motion.velocity_rad_s
-    if not (np.all(np.isfinite(path)) and np.all(np.isfinite(velocity))):
+    check_room(limits, here_rad)
+    if not (np.all(np.isfinite(motion.position_rad)) and np.all(np.isfinite(motion.velocity_rad_s))):
         raise UsageError("the motion contains values that are no numbers")
     if motion.torque_nm.any() or motion.rest_nm:
         raise UsageError(
             f"{capabilities.name} takes no feedforward torque in a motion of kind {motion.kind!r}; plan it without (torque_nm = 0)"
         )
-    if path.min() < low or path.max() > high:
-        way = f"{limits.where(float(path.min()))} to {limits.where(float(path.max()))}"
-        raise UsageError(f"the motion goes from {way}, the window is {window}; shorten it")
-    fastest = float(np.abs(velocity).max())
-    if fastest > limits.speed_rad_s * (1 + 1e-9):
-        raise UsageError(f"the motion reaches {fastest:.4g} rad/s, the limit is {limits.speed_rad_s:.4g} rad/s; slow it down")
-    if abs(path[0] - here_rad) > limits.speed_rad_s * motion.period_s:
-        raise UsageError(f"the motion starts at {path[0]:.4g} rad, but the motor stands at {here_rad:.4g} rad; start it where the axis is")
+    check_path(motion, limits, here_rad)
+    check_speed(motion.velocity_rad_s, limits)

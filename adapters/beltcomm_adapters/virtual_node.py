@@ -13,8 +13,8 @@ from beltcomm.simulate.plant import SimulatedPlant
 from beltcomm.virtual.bus import LockstepBus
 from beltcomm.virtual.device import VirtualDrive
 from beltcomm.virtual.foreign import profile_named
-from beltcomm.virtual.motor import EMMS_AS_70
 from beltcomm.virtual.profiles import PROFILES
+from beltcomm.virtual.stage import EMMS_AS_70
 from beltcomm_adapters.options import number, profile_name, whole_number
 
 DEFAULT_PLANT: Final = "g_a"

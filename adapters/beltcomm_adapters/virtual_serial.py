@@ -9,8 +9,7 @@ from typing import Any, Self
 
 from beltcomm.drive import Drive
 from beltcomm.virtual.bus import LockstepBus
-from beltcomm.virtual.pseudo_terminal import PseudoTerminal
-from beltcomm.virtual.service_port import LockstepPort, ServicePort
+from beltcomm.virtual.service_port import LockstepPort, PseudoTerminal, ServicePort
 from beltcomm_adapters.buses import MonotonicClock
 from beltcomm_adapters.options import profile_name
 from beltcomm_adapters.serial_drive import SerialDrive

@@ -15,7 +15,7 @@ import numpy as np
 from beltcomm.app.view import stamp_of
 from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import Cascade, CascadeStructure
-from beltcomm.design.held_knobs import OutOfReach
+from beltcomm.design.knobs import OutOfReach
 from beltcomm.design.margins import margins
 from beltcomm.design.measured import measured_loop
 from beltcomm.drive.parameters import parameters_to_cascade
@@ -29,8 +29,7 @@ from beltcomm.rundata import analyse, offline
 from beltcomm.rundata.conditions import condition_of
 from beltcomm.rundata.delays import assume_delay, delay
 from beltcomm.rundata.design_proof import plant_responses
-from beltcomm.rundata.proof import same_gains
-from beltcomm.rundata.run_move import move_of, verified
+from beltcomm.rundata.proof import move_of, same_gains, verified
 from beltcomm.rundata.store import cascade_from_dict, saved_design
 from beltcomm.runfolder import RunFolder
 from beltcomm.sending import Sending

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from beltcomm import isolation
 from beltcomm.app.view import ResidualView, shown, stamp_of
 from beltcomm.app.worker import work
+from beltcomm.arrays import Array, BoolArray
 from beltcomm.axis.terms import Terms
 from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.errors import UsageError
@@ -61,7 +62,7 @@ class LaboratoryTab:
         self._rungs = 0
         self._static: dict[str, dict[str, Any]] = {}
         self._banded: dict[tuple[str, int, tuple[float, float]], float] = {}
-        self._above: tuple[str, NDArray[np.float64]] | None = None
+        self._above: tuple[str, Array] | None = None
         self._pipe: Connection | None = None
         self._process: BaseProcess | None = None
         self._closed = False
@@ -227,9 +228,7 @@ class LaboratoryTab:
             self._process.terminate()
             self._process.join()
 
-    def _told(
-        self, one: CandidateEffect, view: ResidualView, chosen: NDArray[np.bool_], band: tuple[float, float] | None
-    ) -> dict[str, Any]:
+    def _told(self, one: CandidateEffect, view: ResidualView, chosen: BoolArray, band: tuple[float, float] | None) -> dict[str, Any]:
         """A candidate, and the share of the squares above the noise in some cells that it would explain."""
         if one.effect not in self._static:
             self._static[one.effect] = _static(one, view)
@@ -251,7 +250,7 @@ class LaboratoryTab:
             self._banded[key] = float(np.sum(filtered(view.rows, values.astype(np.float64), *band) ** 2))
         return self._banded[key]
 
-    def _excess(self, view: ResidualView) -> NDArray[np.float64]:
+    def _excess(self, view: ResidualView) -> Array:
         """Squares of the fitted records above the noise, by cell; worked out once for a view."""
         if self._above is None or self._above[0] != view.stamp:
             fitted = view.white[: view.fitted]
@@ -394,7 +393,7 @@ def _unit(effect: str, name: str) -> str:
     return own.get(name, "")
 
 
-def _mean(values: NDArray[np.float64], count: NDArray[np.float64]) -> float | None:
+def _mean(values: Array, count: Array) -> float | None:
     return float((values * count).sum() / count.sum()) if count.sum() else None
 
 

@@ -73,7 +73,7 @@ def look(run: Path, given: Mapping[str, Any], pipe: Connection) -> None:
     from beltcomm.app.view import stamp_of, view_of
     from beltcomm.residuals.candidates import candidates_of
     from beltcomm.rundata.fitted_run import open_fitted
-    from beltcomm.rundata.kept_fit import FILE
+    from beltcomm.rundata.kept import FILE
 
     tell = _teller(pipe)
     stamp = stamp_of(run)

@@ -26,6 +26,7 @@ from beltcomm.errors import BeltcommError, DataError, UsageError
 from beltcomm.given import pasted, place
 from beltcomm.journal import events_of
 from beltcomm.language import tr
+from beltcomm.locks import UNWRITABLE
 from beltcomm.version import __version__
 
 if TYPE_CHECKING:
@@ -36,8 +37,6 @@ if TYPE_CHECKING:
 
 #: Exit code of a broken-off command: that of a safety stop, which is what Ctrl-C is on a machine.
 INTERRUPTED = 4
-#: What a file system that refuses says: not allowed, read-only, full.
-UNWRITABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT)
 #: What it says of a path that cannot be: too long, no folder, a folder, in a circle.
 NO_PATH = (errno.ENAMETOOLONG, errno.ENOTDIR, errno.EISDIR, errno.ELOOP)
 #: Verbs that go on with ``--resume``, and all that record.

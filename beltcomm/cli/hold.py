@@ -64,7 +64,7 @@ class HeldKey:
         self._last_s = last
         return True
 
-    def held(self) -> bool:
+    def pressed(self) -> bool:
         """True as long as the key is held (:class:`beltcomm.talk.Hold`)."""
         now = self._clock()
         if self._look(0.0):

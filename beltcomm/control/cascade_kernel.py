@@ -29,7 +29,15 @@ def new_state() -> Array:
 
 @compiled
 def reset_state(state: Array, position_rad: float, velocity_rad_s: float = 0.0) -> None:
-    """Bring ``state`` to ``position_rad``, as a drive does when it closes its loop; only the measured velocity is remembered."""
+    """Bring a state to a place, as a drive does when it closes its loop; only the measured velocity is remembered.
+
+    Parameters
+    ----------
+    state : ndarray (10,)
+        As :func:`new_state` has it; changed in place.
+    position_rad, velocity_rad_s : float, rad, rad/s, motor shaft
+        Of the motor now.
+    """
     state[:] = 0.0
     state[_POSITION] = position_rad
     state[_VELOCITY] = state[_REFERENCE] = state[_FILTERED_REFERENCE] = velocity_rad_s
@@ -53,10 +61,17 @@ def measured_speed(state: Array) -> float:
 
 @compiled
 def begin_ramp(state: Array, velocity_rad_s: float) -> None:
-    """Let a reference velocity without feedforward of its acceleration begin, rad/s, as one that has stood for long.
+    """Let a reference velocity without feedforward of its acceleration begin as one that has stood for long.
 
     What the reference was before is no change of it, and its filter holds it already: a drive that changes from a position loop without
     velocity feedforward to a ramp would else ask for standstill first.
+
+    Parameters
+    ----------
+    state : ndarray (10,)
+        As :func:`new_state` has it; changed in place.
+    velocity_rad_s : float, rad/s, motor shaft
+        Of the reference.
     """
     state[_REFERENCE] = state[_FILTERED_REFERENCE] = velocity_rad_s
     state[_ACCELERATION] = 0.0
@@ -105,9 +120,23 @@ def velocity_step(
     position_rad: float,
     extra_torque_nm: float,
 ) -> float:
-    """One period of the velocity loop alone; returns the torque setpoint, N m, and moves ``state`` on.
+    """One period of the velocity loop alone, as :func:`cascade_step` with K_PP = 0 and K_v = 1.
 
-    As :func:`cascade_step` with K_PP = 0 and K_v = 1: the velocity asked for is the setpoint itself, not a feedforward.
+    Parameters
+    ----------
+    coefficients, state : ndarray (23,), (10,)
+        As for :func:`cascade_step`; the state moves on.
+    reference_velocity_rad_s, reference_acceleration_rad_s2 : float, rad/s, rad/s²
+        The velocity asked for is the setpoint itself, not a feedforward.
+    position_rad : float, rad
+        Of the motor.
+    extra_torque_nm : float, N m
+        Added to the loop's, motor shaft.
+
+    Returns
+    -------
+    float, N m
+        Torque setpoint at the motor shaft.
     """
     return _velocity_loop(
         coefficients,

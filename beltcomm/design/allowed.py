@@ -6,9 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beltcomm.arrays import Array, ComplexArray
+from beltcomm.arrays import Array, BoolArray, ComplexArray
 from beltcomm.compiled import compiled
 from beltcomm.design.loops import LoopShape
 from beltcomm.design.specification import Specification
@@ -101,7 +100,7 @@ def allowed_gains(unit: ComplexArray, shape: LoopShape, phase_margin_deg: float,
 
 @compiled
 def _forbidden(
-    unit: ComplexArray, below: NDArray[np.bool_], limit: float, gain_share: float, bound: float, lows: Array, highs: Array
+    unit: ComplexArray, below: BoolArray, limit: float, gain_share: float, bound: float, lows: Array, highs: Array
 ) -> tuple[float, int]:
     """Gain that none may reach, and how many intervals below it are forbidden, in ``lows`` and ``highs``; 0 where no gain is allowed.
 

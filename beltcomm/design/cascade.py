@@ -8,9 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
 
-import numpy as np
-from numpy.typing import NDArray
-
+from beltcomm.arrays import Array, ComplexArray
 from beltcomm.control import Cascade, CascadeStructure, Feedforward, Prefilter, PrefilterKind
 from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.loops import SampledPlants, loop_shape, open_loops, open_velocity_loop, position_path, sample_plants
@@ -68,7 +66,7 @@ class DesignResult:
         """K_I K_PP, N m/(rad s), what the design maximises: a lasting error breaks friction free after τ_c/(K_I K_PP e)."""
         return self.cascade.ki_nm_rad * self.cascade.kpp_1_s
 
-    def open_loops(self, plant: int, omega_rad_s: NDArray[np.float64]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    def open_loops(self, plant: int, omega_rad_s: Array) -> tuple[ComplexArray, ComplexArray]:
         """Open velocity loop and open position loop of one plant, for plots; see ``loops.open_loops``.
 
         Parameters

@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from beltcomm.arrays import Array, ComplexArray
+from beltcomm.arrays import Array, ComplexArray, IntArray
 from beltcomm.compiled import in_one_thread
 from beltcomm.design.structure import Bodies
 from beltcomm.errors import UsageError
@@ -237,7 +236,7 @@ def _sample_cached(plant: DesignPlant, period_s: float) -> tuple[Array, Array, A
 
 
 @in_one_thread
-def sample_plants(plants: Sequence[DesignPlant], period_s: float) -> tuple[Array, Array, Array, NDArray[np.int64]]:
+def sample_plants(plants: Sequence[DesignPlant], period_s: float) -> tuple[Array, Array, Array, IntArray]:
     """Exact sampling of p plants with equally many bodies at once, see :meth:`DesignPlant.sampled`.
 
     Parameters

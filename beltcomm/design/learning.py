@@ -14,9 +14,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, ComplexArray
 
 #: |Q (1 - L G)| of the worst plant at most; where |1 - L G| of it is beyond this, the model is not trusted.
 CONTRACTS, TRUSTED = 0.9, 0.8
@@ -47,7 +46,7 @@ class LearningFilter:
     """
 
     freq_hz: Array
-    learn: NDArray[np.complex128]
+    learn: ComplexArray
     keep: Array
     worst: Array
     size: int

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beltcomm.arrays import Array, ComplexArray
+from beltcomm.arrays import Array, BoolArray, ComplexArray
 from beltcomm.control import Cascade
 from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.loops import (
@@ -192,7 +191,7 @@ def margins_on(cascade: Cascade, sampled: SampledPlants) -> tuple[Margins, ...]:
     return tuple(result)
 
 
-def resonance_or_peak(loop: ComplexArray, omega_rad_s: Array, resonance_rad_s: Array) -> NDArray[np.bool_]:
+def resonance_or_peak(loop: ComplexArray, omega_rad_s: Array, resonance_rad_s: Array) -> BoolArray:
     """Frequencies at which the suppression is asked: at and above the resonance, and at every local peak of the gain.
 
     Of a resonance beyond what the loop samples, the upper half of that: the highest frequency alone says nothing, the sampling makes a

@@ -14,9 +14,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beltcomm.arrays import Array, ComplexArray
+from beltcomm.arrays import Array, BoolArray, ComplexArray
 from beltcomm.control import Cascade, velocity_filter_response
 from beltcomm.design.margins import gain_margin_db, phase_margin
 from beltcomm.errors import DataError
@@ -46,7 +45,7 @@ class LoopMargin:
     phase_margin_deg, crossover_hz : float
         As in ``margins.Margins``; inf and nan where no crossover lies in the band. gain_margin_db.
     sensitivity_db : float
-        Max |1/(1 + L)|, met at ``nearest_hz``, where L is nearest to -1.
+        Max |1/(1 + L)|, met where L is nearest to -1.
     least_phase_margin_deg, least_gain_margin_db, most_sensitivity_db : float
         The same at the edge of the tube; inf for the last where the tube reaches -1.
     """
@@ -55,7 +54,6 @@ class LoopMargin:
     crossover_hz: float
     gain_margin_db: float
     sensitivity_db: float
-    nearest_hz: float
     least_phase_margin_deg: float
     least_gain_margin_db: float
     most_sensitivity_db: float
@@ -120,7 +118,7 @@ class MeasuredLoop:
     position: ComplexArray
     radius: Array
     all_hz: Array
-    hidden: NDArray[np.bool_]
+    hidden: BoolArray
     all_gain: Array
 
 
@@ -242,14 +240,12 @@ def _margin(freq_hz: Array, loop: ComplexArray, tube: Array, hidden_gain: float)
     """Margins of a curve and of the tube around it.   hidden_gain : |L| is at most this where it is hidden."""
     margin, crossover = phase_margin(2.0 * np.pi * freq_hz, loop)
     distance = np.abs(1.0 + loop)
-    nearest = int(np.argmin(distance))
     least = min(float(np.min(distance - tube)), 1.0 - hidden_gain)
     return LoopMargin(
         margin,
         crossover / (2.0 * np.pi),
         gain_margin_db(loop),
-        -20.0 * math.log10(distance[nearest]),
-        float(freq_hz[nearest]),
+        -20.0 * math.log10(float(np.min(distance))),
         min(margin, _least_angle_deg(loop, tube)),
         min(gain_margin_db(loop), _least_gain_db(loop, tube)),
         -20.0 * math.log10(least) if least > 0.0 else math.inf,
@@ -323,7 +319,7 @@ def _ranges(freq_hz: Array) -> tuple[tuple[float, float], ...]:
     return tuple((float(part[0]), float(part[-1])) for part in np.split(freq_hz, cuts))
 
 
-def _gaps(freq_hz: Array, all_hz: Array, hidden: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
+def _gaps(freq_hz: Array, all_hz: Array, hidden: BoolArray) -> tuple[tuple[float, float], ...]:
     """Intervals without lines that are long beside the usual one and hold no hidden line, which are named elsewhere."""
     usual, unseen = float(np.median(np.diff(all_hz))), all_hz[hidden]
     long = [(a, b) for a, b in itertools.pairwise(map(float, freq_hz)) if b - a > GAP * usual]

@@ -6,8 +6,8 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, ComplexArray
 from beltcomm.control import Prefilter
 from beltcomm.errors import UsageError
 
@@ -61,7 +61,7 @@ def butterworth_cutoff_rad_s(antiresonance_rad_s: float, attenuation_db: float) 
     return antiresonance_rad_s / math.sqrt(math.sqrt(10.0 ** (-attenuation_db / 10.0) - 1.0))
 
 
-def continuous_prefilter(omega_rad_s: NDArray[np.float64], prefilter: Prefilter) -> NDArray[np.complex128]:
+def continuous_prefilter(omega_rad_s: Array, prefilter: Prefilter) -> ComplexArray:
     """Frequency response of (4.1) or (4.3) as printed, s = jω, times that of the additional low-pass.
 
     Parameters

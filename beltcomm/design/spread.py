@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beltcomm.arrays import Array, ComplexArray
+from beltcomm.arrays import Array, BoolArray, ComplexArray, IntArray
 from beltcomm.control import Cascade, pi_response, prefilter_response, velocity_filter_response
 from beltcomm.design.design_plant import DesignPlant, sample_plants
 from beltcomm.design.loops import closed_loop_matrix, frequencies
@@ -120,9 +119,7 @@ def margin_spread(draws: Sequence[Sequence[DesignPlant]], cascade: Cascade, peri
     )
 
 
-def responses_together(
-    advance: Array, new: Array, old: Array, whole: NDArray[np.int64], omega_rad_s: Array, period_s: float
-) -> ComplexArray:
+def responses_together(advance: Array, new: Array, old: Array, whole: IntArray, omega_rad_s: Array, period_s: float) -> ComplexArray:
     """Sampled responses of p plants at once, as :meth:`DesignPlant.sampled_response` of each.
 
     G(z) = N(z)/Π(z - λ_i) z^(-n-1),  λ the eigenvalues of Φ;  N, of degree n, from its values on the circle |z| = 2.
@@ -192,7 +189,7 @@ def _gain_margins_db(loop: ComplexArray) -> Array:
     return np.where(largest > 1e-300, -20.0 * np.log10(largest), math.inf)
 
 
-def _stable(advance: Array, new: Array, old: Array, whole: NDArray[np.int64], cascade: Cascade, period_s: float) -> NDArray[np.bool_]:
+def _stable(advance: Array, new: Array, old: Array, whole: IntArray, cascade: Cascade, period_s: float) -> BoolArray:
     """True where cascade and velocity loop have all poles inside the unit circle, (p,) bool; the velocity loop's free angle aside."""
     found = np.zeros(len(advance), dtype=bool)
     for delay in np.unique(whole):

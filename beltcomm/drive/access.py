@@ -15,7 +15,26 @@ def able(drive: Drive, kind: MotionKind) -> Drive:
     """Drive itself, if it offers this kind of motion and takes what a record sets; nothing has moved yet.
 
     An adapter may offer ``trial() -> list[Finding]``, which tries that and puts it back: what is wrong closes the drive, what it refuses
-    goes into ``Capabilities.cautions``.   Raises Refused with the reason, DriveError with what the drive does not take.
+    goes into ``Capabilities.cautions``.
+
+    Parameters
+    ----------
+    drive : Drive
+        Connected; closed where it is refused.
+    kind : MotionKind
+        Of the motions that are wanted.
+
+    Returns
+    -------
+    Drive
+        The same, its capabilities with what it does not take.
+
+    Raises
+    ------
+    Refused
+        When it offers no such motion, with the reason.
+    DriveError
+        With what it does not take.
     """
     has = drive.capabilities
     if kind in has.kinds:
@@ -39,9 +58,26 @@ def able(drive: Drive, kind: MotionKind) -> Drive:
 
 
 def serve_drive(name: str, on: str, options: Mapping[str, object] | None = None) -> Service:
-    """The simulated drive called ``name`` (``virtual:g_a``) on the interface ``on``.
+    """Simulated drive for other processes.
 
-    Raises UsageError when no adapter serves a drive of this name, and what the adapter raises.
+    Parameters
+    ----------
+    name : str
+        Of the drive, ``virtual:g_a``.
+    on : str
+        Interface on which it is met.
+    options : dict of str to object or None
+        For the adapter, by name.
+
+    Returns
+    -------
+    Service
+        Runs when asked to.
+
+    Raises
+    ------
+    UsageError
+        When no adapter serves a drive of this name, and what the adapter raises.
     """
     scheme, _, address = word(name, "drive").partition(":")
     for item in find_adapters():
@@ -51,9 +87,24 @@ def serve_drive(name: str, on: str, options: Mapping[str, object] | None = None)
 
 
 def listen_to(name: str, options: Mapping[str, object] | None = None) -> Listening:
-    """The bus of the drive called ``name``, listened to.
+    """Bus of a drive, listened to.
 
-    Raises UsageError when no adapter listens to one of this name, and what the adapter raises.
+    Parameters
+    ----------
+    name : str
+        As for ``--drive``.
+    options : dict of str to object or None
+        For the adapter, by name.
+
+    Returns
+    -------
+    Listening
+        Sends nothing.
+
+    Raises
+    ------
+    UsageError
+        When no adapter listens to a drive of this name, and what the adapter raises.
     """
     adapter, address = adapter_for(name, find_adapters())
     if adapter.listen is None:

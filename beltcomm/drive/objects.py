@@ -41,22 +41,66 @@ GAIN: Final = "kp_nm_s_rad"
 
 
 def name_of(index: int, subindex: int = 0) -> str:
-    """An object as the standards write it: 6041h, 2100h:3, 6510h:10h."""
+    """An object as the standards write it: 6041h, 2100h:3, 6510h:10h.
+
+    Parameters
+    ----------
+    index, subindex : int
+        Place in the dictionary.
+
+    Returns
+    -------
+    str
+        Without the subindex where that is 0.
+    """
     return f"{index:04X}h" if subindex == 0 else f"{index:04X}h:{subindex:X}" + "h" * (subindex > 9)
 
 
-def commands(index: int, subindex: int = 0) -> bool:
-    """True if an object is a command and no setting."""
+def is_command(index: int, subindex: int = 0) -> bool:
+    """True if an object is a command and no setting.
+
+    Parameters
+    ----------
+    index, subindex : int
+        Place in the dictionary.
+
+    Returns
+    -------
+    bool
+        No file ever writes one for which it is True.
+    """
     return index in COMMANDS and (index, subindex) != NO_COMMAND
 
 
 def kind_of(data_type: int) -> str | None:
-    """Data type of a number of CiA 301; None for one that holds no single number."""
+    """Data type of a number of CiA 301.
+
+    Parameters
+    ----------
+    data_type : int
+        As an object file writes it, table 44.
+
+    Returns
+    -------
+    str or None
+        One of :data:`TYPES`; None for a type that holds no single number.
+    """
     return _KIND_OF.get(data_type)
 
 
 def bounds_of(kind: str) -> tuple[float, float]:
-    """Smallest and largest value of a type."""
+    """Smallest and largest value of a type.
+
+    Parameters
+    ----------
+    kind : str
+        One of :data:`TYPES`.
+
+    Returns
+    -------
+    tuple of float
+        Raw values, both included.
+    """
     if kind == "real32":
         largest: float = struct.unpack("<f", b"\xff\xff\x7f\x7f")[0]
         return -largest, largest
@@ -65,7 +109,25 @@ def bounds_of(kind: str) -> tuple[float, float]:
 
 
 def packed(kind: str, raw: float) -> bytes:
-    """The bytes of a value on the wire.  Raises ValueError when it does not fit its type."""
+    """The bytes of a value on the wire.
+
+    Parameters
+    ----------
+    kind : str
+        One of :data:`TYPES`.
+    raw : float
+        Cut to an integer for all but ``real32``.
+
+    Returns
+    -------
+    bytes
+        Little endian, as CiA 301 asks for.
+
+    Raises
+    ------
+    ValueError
+        When it does not fit its type.
+    """
     try:
         return struct.pack(TYPES[kind][0], raw if kind == "real32" else int(raw))
     except (struct.error, OverflowError, ValueError) as error:
@@ -214,7 +276,23 @@ class ObjectValue:
 
 
 def object_from_dict(data: Mapping[str, Any]) -> ObjectValue:
-    """The inverse of :meth:`ObjectValue.to_dict`.   Raises DataError."""
+    """The inverse of :meth:`ObjectValue.to_dict`.
+
+    Parameters
+    ----------
+    data : Mapping[str, Any]
+        Entry of a file.
+
+    Returns
+    -------
+    ObjectValue
+        With the raw value that the file has.
+
+    Raises
+    ------
+    DataError
+        For a damaged entry.
+    """
     try:
         index, _, subindex = str(data["object"]).replace("h", "").partition(":")
         kind, raw = str(data["type"]), float(data["raw"])
@@ -231,9 +309,26 @@ def object_from_dict(data: Mapping[str, Any]) -> ObjectValue:
 
 
 def object_values(parameters: Mapping[str, ParameterObject], values: Mapping[str, float]) -> list[ObjectValue]:
-    """The objects that hold these SI values, in the order of ``parameters``.   Raises UsageError (a value out of range, no K_P).
+    """The objects that hold these SI values.
 
     An integral time rests on the K_P beside it, as the object will hold it.
+
+    Parameters
+    ----------
+    parameters : Mapping[str, ParameterObject]
+        Of the drive, by name.
+    values : Mapping[str, float]
+        SI at the motor shaft, by name; a name without an object is left out.
+
+    Returns
+    -------
+    list of ObjectValue
+        In the order of ``parameters``.
+
+    Raises
+    ------
+    UsageError
+        For a value out of range, or an integral time without K_P.
     """
     raws: dict[str, float] = {}
 
@@ -252,6 +347,19 @@ def object_values(parameters: Mapping[str, ParameterObject], values: Mapping[str
 
 
 def ordered(parameters: Mapping[str, ParameterObject], names: Iterable[str]) -> list[str]:
-    """Those names that have an object, what others rest on first."""
+    """Names that have an object, what others rest on first.
+
+    Parameters
+    ----------
+    parameters : Mapping[str, ParameterObject]
+        Of the drive, by name.
+    names : iterable of str
+        Those that are wanted.
+
+    Returns
+    -------
+    list of str
+        An integral time behind the gain that it rests on.
+    """
     wanted = set(names)
     return sorted((name for name in parameters if name in wanted), key=lambda name: parameters[name].law != "linear")

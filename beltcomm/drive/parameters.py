@@ -77,16 +77,38 @@ LIMIT_NAMES: Final = ("torque_limit_nm", "speed_limit_rad_s")
 
 
 def gain_access(names: Collection[str], uncalibrated: Collection[str]) -> GainAccess:
-    """From the names that a drive offers, and those of them whose meaning nobody knows yet."""
+    """Access to the gains of a drive's loops.
+
+    Parameters
+    ----------
+    names : collection of str
+        Parameters that the drive offers.
+    uncalibrated : collection of str
+        Those of them whose meaning in SI nobody knows yet.
+
+    Returns
+    -------
+    GainAccess
+        "unknown" where a loop gain is missing.
+    """
     if not set(LOOP_GAINS) <= set(names):
         return "unknown"
     return "to_calibrate" if uncalibrated else "writable"
 
 
 def cascade_to_parameters(cascade: Cascade) -> dict[str, float]:
-    """The named parameters of a controller, all of :data:`GAIN_NAMES`.
+    """The named parameters of a controller.
 
-    prefilter_kind : position in :data:`PREFILTER_KINDS`.   filter_reference : 1 or 0.
+    Parameters
+    ----------
+    cascade : Cascade
+        At the motor shaft.
+
+    Returns
+    -------
+    dict of str to float
+        All of :data:`GAIN_NAMES`, SI at the motor shaft; ``prefilter_kind`` is the position in :data:`PREFILTER_KINDS`,
+        ``filter_reference`` 1 or 0.
     """
     prefilter, feedforward = cascade.prefilter, cascade.feedforward
     return {

@@ -22,9 +22,8 @@ from typing import Literal
 import numpy as np
 
 from beltcomm.arrays import Array, IntArray
-from beltcomm.encoder.edges import INCREMENT_M, TICK_S, Edges
+from beltcomm.encoder.edges import INCREMENT_M, TICK_S, Edges, require_order
 from beltcomm.encoder.kernel import INVALID, new_decoder, new_estimator, run_record
-from beltcomm.encoder.quadrature import require_order
 from beltcomm.errors import UsageError
 
 Extension = Literal["bounded", "printed", "none"]

@@ -6,9 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, BoolArray
 from beltcomm.errors import UsageError
 from beltcomm.excitation.record import Excitation
 
@@ -39,24 +38,59 @@ class MovingExcitation:
     added: Array
     period_samples: int
     starts: tuple[int, ...]
-    excited: NDArray[np.bool_]
+    excited: BoolArray
 
     def __post_init__(self) -> None:
         for name in ("base_m", "base_m_s", "added", "excited"):
             getattr(self, name).setflags(write=False)
 
     def louder(self, factor: float) -> MovingExcitation:
-        """Travel with the excitation times ``factor``."""
+        """Travel with a louder excitation.
+
+        Parameters
+        ----------
+        factor : float
+            Times what is added.
+
+        Returns
+        -------
+        MovingExcitation
+            Of the same travel.
+        """
         return MovingExcitation(self.base_m, self.base_m_s, factor * self.added, self.period_samples, self.starts, self.excited)
 
 
 def ramp_s(speed_m_s: float, acceleration_m_s2: float) -> float:
-    """Time of a raised cosine from rest to a speed, s:  π v/2a."""
+    """Time of a raised cosine from rest to a speed:  π v/2a.
+
+    Parameters
+    ----------
+    speed_m_s : float, m/s
+        Of the carriage, either way.
+    acceleration_m_s2 : float, m/s²
+        Largest of the ramp.
+
+    Returns
+    -------
+    float, s
+    """
     return math.pi * abs(speed_m_s) / (2.0 * acceleration_m_s2)
 
 
 def stroke_m(speed_m_s: float, ramp: float, settle: float, excited: float) -> float:
-    """Way of one stroke, m:  |v| (ramp + settle + excited + tail); all times in s."""
+    """Way of one stroke:  |v| (ramp + settle + excited + tail).
+
+    Parameters
+    ----------
+    speed_m_s : float, m/s
+        Of the carriage, either way.
+    ramp, settle, excited : float, s
+        Of ramp, settling, and run-in with all periods.
+
+    Returns
+    -------
+    float, m
+    """
     return abs(speed_m_s) * (ramp + settle + excited + TAIL_S)
 
 

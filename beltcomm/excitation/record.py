@@ -56,7 +56,24 @@ def visible_band(sample_period_s: float, lowest_hz: float, highest_hz: float) ->
 
 
 def check_band(sample_period_s: float, lowest_hz: float, highest_hz: float, duration_s: float) -> None:
-    """Raise UsageError for numbers that cannot be meant, Refused when the sampling does not reach the highest frequency."""
+    """Refuse a band that cannot be excited.
+
+    Parameters
+    ----------
+    sample_period_s : float, s
+        Of the drive.
+    lowest_hz, highest_hz : float, Hz
+        Ends of the band.
+    duration_s : float, s
+        Of the record.
+
+    Raises
+    ------
+    UsageError
+        For numbers that cannot be meant.
+    Refused
+        When the sampling does not reach the highest frequency.
+    """
     if not (sample_period_s > 0 and 0 < lowest_hz < highest_hz and duration_s > 0):
         raise UsageError(
             f"sample period {sample_period_s} s, {lowest_hz} Hz to {highest_hz} Hz in {duration_s} s: all must be positive "

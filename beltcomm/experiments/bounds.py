@@ -109,6 +109,12 @@ def course_before(axis: Axis, capabilities: Capabilities, mass_kg: float) -> Cou
     )
 
 
+def gentle_force_n(axis: Axis) -> float:
+    """Belt force of strokes, N: a third of its limit, and on a tilted axis the weight it carries all the time."""
+    held = abs(gravity.expected(axis).torque_nm) / axis.transmission_m_rad if axis.mounting.tilted else 0.0
+    return phases.GENTLE_SHARE * axis.belt_force_limit_n + held
+
+
 def top_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
     """Speed that axis and drive allow, m/s."""
     return min(float(axis.limits.speed_m_s or 0.0), capabilities.max_speed_rad_s * axis.transmission_m_rad)

@@ -32,9 +32,8 @@ from beltcomm.experiments import (
     verification,
 )
 from beltcomm.experiments.proving import learn_gains, verify_move
-from beltcomm.experiments.recentre import MOST_STOPS, QUIETER, bring_back, may_not_excite, stands, stands_after
-from beltcomm.fit.torque.acting_torque import acting_recording
-from beltcomm.fit.torque.stated_reading import stated_remarks
+from beltcomm.experiments.recentre import MOST_STOPS, QUIETER, bring_back, lags_behind, may_not_excite, stands_after
+from beltcomm.fit.torque.acting_torque import acting_recording, stated_remarks
 from beltcomm.identify.amplitude import AmplitudeStep, family_around, half_friction, unknown_masses_kg
 from beltcomm.identify.final import FinalModel, evidence, final_model
 from beltcomm.identify.standstill import largest
@@ -311,7 +310,7 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
         That is in the drive, None where nobody knows it.
     """
     machine.begin(TITLES[5])
-    loop = execute_step.Closed(model, cascade, delay(findings))
+    loop = friction_feedforward.with_friction_of_strokes(machine, execute_step.Closed(model, cascade, delay(findings)))
     course = execute_step.course_of(machine, model)
     items = [
         i
@@ -325,7 +324,11 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
     if machine.stroking() == "velocity":  # which drifts, and does not turn within a millimetre; its last move is a slow one
         items = [item for item in items if item.step.kind != "reversals"]
         kept = DRIFTING_S
-    first = [machine.folder.recording(n) for n in machine.folder.finished_names() if n.startswith("amplitude_") or n == "frf_1"]
+    first = [
+        machine.folder.recording(n)
+        for n in machine.folder.finished_names()
+        if n.startswith(("amplitude_", "short_strokes_")) or n == "frf_1"
+    ]
     spent = CREPT_S + findings.calibrating_s + sum(float(np.ptp(r.t_s)) for r in first)
     left = record_schedule.BUDGET_S[extent] - spent - kept
     steps, without = record_schedule.fitting_records(items, lambda step: bounds.seconds_of(step, course), left)
@@ -367,11 +370,6 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
             loop = friction_feedforward.with_measured_friction(machine, findings, loop)
 
 
-def lags_behind(machine: Machine, kind: str, problem: SafetyStop) -> bool:
-    """True if a path left behind or overshot a first loop, too weak for what its feedforward does not know yet; the axis stands then."""
-    return kind != "response" and problem.reason in ("lag", "position") and stands(machine)
-
-
 def quick_sweep(machine: Machine, findings: Findings, model: Model) -> None:
     """The sweep of a quick commissioning, slower where the first loop lags behind it."""
     speeds = record_schedule.quick_speeds_m_s(phases.gentle_limits(machine, model, np.inf).acceleration_m_s2)
@@ -410,6 +408,9 @@ def measure_friction(
     machine.begin(TITLES[5])
     first, last = phases.stroke_ends(machine)
     if machine.folder.finished(name) is None:
+        if machine.closed is not None and machine.cascade is not None:
+            own = replace(machine.cascade, feedforward=machine.feedforward or machine.cascade.feedforward)
+            friction_feedforward.with_friction_of_strokes(machine, execute_step.Closed(model, own, machine.closed[1]))
         if not phases.room_to_sweep(machine, model, speeds_m_s):
             phases.move_to(machine, first, model)
         elif not first <= machine.position_m <= last:  # where a sweep before it was stopped: nothing is left there for an overshoot

@@ -223,7 +223,11 @@ def stoppable_path(machine: Machine, loop: Closed, step: Step, course: Course, a
     for share in shares:
         eased = replace(course, gentle=course.gentle.slower(share), hard=course.hard.slower(share))
         path = path_of(step, eased, at_m)
-        if not machine.stops_badly(path.position_m, path.velocity_m_s) and within_belt(machine, loop, step, path):
+        if (
+            not machine.stops_badly(path.position_m, path.velocity_m_s)
+            and within_belt(machine, loop, step, path)
+            and stops_out_of_move.stays_inside(machine, path, phases.stroke_envelope(machine))
+        ):
             return path
     return path  # the machine itself says what is wrong with it
 

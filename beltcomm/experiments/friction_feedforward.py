@@ -1,23 +1,137 @@
-"""Friction that a sweep has shown, sent ahead instead of that of a first fit which does not explain its records.
+"""Friction that strokes have shown, sent ahead instead of that of a first fit.
 
-Around standstill friction that needs a way, or a gap, poses as viscous: three times what there is, counted up to the speed of fast moves,
-drives the axis ahead of its reference until it is stopped.  The sweep measured it at speed.
+A first loop may be weak: without a filter against the resonance its speed settles in a second, and a few per cent of friction that are
+sent ahead and are not there take it over the ends of the travel.  Then short strokes where the carriage stands come before the sweep, a
+slow one first.  And where the first fit does not explain its records, the sweep's friction is sent ahead behind it: around standstill
+friction that needs a way, or a gap, poses as viscous: three times what there is, counted up to the speed of fast moves, drives the axis
+ahead of its reference until it is stopped.  The sweep measured it at speed.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
-from beltcomm.control import Cascade
-from beltcomm.errors import DataError
-from beltcomm.experiments import execute_step
+import numpy as np
+from scipy.optimize import nnls
+
+from beltcomm.axis import Axis
+from beltcomm.control import Cascade, Feedforward
+from beltcomm.drive import Capabilities
+from beltcomm.errors import DataError, SafetyStop
+from beltcomm.experiments import execute_step, phases
+from beltcomm.experiments.bounds import Experiment, gentle_force_n, peak_torque_nm, stroking_nm, top_speed_m_s
+from beltcomm.experiments.recentre import lags_behind
 from beltcomm.identify.amplitude import family_around
+from beltcomm.identify.friction import Plateau
+from beltcomm.identify.sweeps import plateaus_of
 from beltcomm.machine import stops
-from beltcomm.machine.machine import Machine
+from beltcomm.machine.machine import Machine, stroking
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.rundata import analyse
 from beltcomm.rundata.findings import Findings
+from beltcomm.simulate.stopping import total_friction, total_viscous
+
+#: Records of short strokes, each at a share of the fastest speed that has a plateau on the way, m; that plateau, s.
+SHORT_STROKES = {f"short_strokes_{number}": share for number, share in enumerate((0.3, 0.5, 0.75, 1.0), start=1)}
+WAY_M, PLATEAU_S = 0.2, 0.3
+#: m/s: fastest of them; s that each takes at most.
+FASTEST_M_S, SECONDS = 0.5, 3.5
+#: m off its reference, beyond which they are stopped.
+ASTRAY_M = 0.03
+#: Share of the fastest that speeds differ by, at least, from which viscous and Coulomb friction are told apart.
+DIFFERENT = 0.2
+#: Share of the friction that is not known behind them.
+UNSURE = 0.05
+#: Share of the travel that a sweep leaves free at either end where the loop is not sure behind them, either.
+FREE_SHARE = 0.2
+
+
+def may_be_weak(capabilities: Capabilities) -> bool:
+    """True for a drive with known gains whose loop no filter keeps off the resonance, and that takes torque beside it."""
+    known, structure = capabilities.gains != "unknown" and stroking(capabilities) != "profile", capabilities.structure
+    return known and structure.torque_feedforward and set(structure.prefilters) <= {"none"}
+
+
+def line(axis: Axis, capabilities: Capabilities) -> tuple[Experiment, ...]:
+    """The plan's line on short strokes; empty where a loop is not weak for want of a filter."""
+    if not may_be_weak(capabilities):
+        return ()
+    way, speed = WAY_M + ASTRAY_M, min(FASTEST_M_S, top_speed_m_s(axis, capabilities))
+    torque, seconds = peak_torque_nm(axis, capabilities), len(SHORT_STROKES) * SECONDS
+    heating = stroking_nm(axis, capabilities)
+    return (Experiment("short strokes, for friction", WAY_M, way, speed, torque, gentle_force_n(axis), seconds, heating),)
+
+
+def with_friction_of_strokes(machine: Machine, loop: execute_step.Closed) -> execute_step.Closed:
+    """The loop, in the drive too, with the friction of short strokes sent ahead, where it is not sure to keep a sweep inside the travel.
+
+    Raises what the machine raises.
+    """
+    if loop.cascade is None or not may_be_weak(machine.drive.capabilities) or machine.folder.finished(execute_step.SWEEP) is not None:
+        return loop
+    passes: list[Plateau] = []
+    for name, share in SHORT_STROKES.items():
+        if machine.folder.finished(name) is None:
+            if phases.sweep_is_sure(machine, loop.model):
+                break
+            path = phases.short_strokes(machine, loop.model, WAY_M, share, FASTEST_M_S, PLATEAU_S).trajectory
+            envelope, sidecar = replace(phases.stroke_envelope(machine), lag_m=ASTRAY_M), phases.sidecar(machine, "friction_sweep")
+            try:
+                machine.record(name, machine.follow(path, machine.stroking()), envelope, sidecar)
+            except SafetyStop as problem:
+                if not lags_behind(machine, "strokes", problem):
+                    raise
+                machine.folder.journal(f"{name}: left out: {problem}")
+                break
+        passes += plateaus_of(machine.folder.recording(name), analyse.moved_inertia(loop.model))
+        loop = _with_passes(machine, loop, passes)
+    if not phases.sweep_is_sure(machine, loop.model):
+        machine.free_share = FREE_SHARE
+        machine.detail(f"strokes leave {FREE_SHARE:.0%} of the travel free at either end: this loop is weak beside the friction sent ahead")
+    return loop
+
+
+def shown_by_passes(sent: Feedforward, passes: Sequence[Plateau]) -> Feedforward:
+    """The feedforward with the friction that passes show: of one speed all of it times a factor; as it is where they show none."""
+    if not passes or not (sent.viscous_nm_s_rad or sent.coulomb_nm):
+        return sent
+    speed, shown = np.array([(one.speed_rad_s, one.torque_nm - sent.offset_nm) for one in passes]).T
+    parts, before = np.column_stack([speed, np.sign(speed)]), np.array([sent.viscous_nm_s_rad, sent.coulomb_nm])
+    if np.ptp(np.abs(speed)) < DIFFERENT * np.abs(speed).max():
+        viscous, coulomb = before * nnls((parts @ before)[:, np.newaxis], shown)[0]
+    else:
+        viscous, coulomb = nnls(parts, shown)[0]
+    return replace(sent, viscous_nm_s_rad=float(viscous), coulomb_nm=float(coulomb)) if coulomb else sent
+
+
+def _with_passes(machine: Machine, loop: execute_step.Closed, passes: Sequence[Plateau]) -> execute_step.Closed:
+    """The loop, in the drive too, with the friction that passes show sent ahead."""
+    if loop.cascade is None or (shown := shown_by_passes(loop.cascade.feedforward, passes)) == loop.cascade.feedforward:
+        return loop
+    viscous, coulomb = shown.viscous_nm_s_rad, shown.coulomb_nm
+    top = machine.ratio * max(abs(one.speed_rad_s) for one in passes)
+    machine.detail(f"short strokes up to {top:.2g} m/s: friction {coulomb:.4g} N m and {viscous:.3g} N m s/rad")
+    known = _with_friction(loop.model, viscous, coulomb)
+    less, more = ((share * viscous, share * coulomb) for share in (1.0 - UNSURE, 1.0 + UNSURE))
+    family = [known, _with_friction(known, *less), _with_friction(known, *more)]
+    family += [_with_friction(member, *less) for member in family_around(known)[1:]]
+    cascade = replace(loop.cascade, feedforward=shown)
+    stops.count_on_loop(machine, family, machine.write_cascade(cascade), loop.delay_s)
+    return replace(loop, cascade=cascade)
+
+
+def _with_friction(model: Model, viscous_nm_s_rad: float, coulomb_nm: float) -> Model:
+    """The model with this friction in all at the motor, shared out as it was."""
+    values: dict[str, float] = {}
+    for names, total, wanted in (
+        (("viscous.damping", "viscous_cart.damping"), total_viscous(model), viscous_nm_s_rad),
+        (("coulomb.level", "cart_friction.level"), total_friction(model), coulomb_nm),
+    ):
+        if total > 0.0:
+            values |= {name: model[name] * wanted / total for name in names if name in model.parameters}
+    return model.with_values(values)
 
 
 def with_measured_friction(machine: Machine, findings: Findings, loop: execute_step.Closed) -> execute_step.Closed:

@@ -197,7 +197,7 @@ class _Probe:
         raw = self._gains(POSITION_BANDWIDTH * inertia / units[GAIN].value)
         kp = units[GAIN].value * raw[GAIN]
         tn = units[_TOLD].value * raw[_TOLD] if self.parameters[_TOLD].law == "integral_time" else kp / (units[_TOLD].value * raw[_TOLD])
-        law = VelocityLaw(Gain(kp, units[GAIN].interval * raw[GAIN]), Gain(tn, 0.0), 0)
+        law = VelocityLaw(Gain(kp, units[GAIN].interval * raw[GAIN]), Gain(tn, 0.0))
         position = [_check_within(entry, POSITION_GAIN / entry.scale)]
         self._write({"kpp_1_s": position[0]})
         envelope = self.machine.envelope()

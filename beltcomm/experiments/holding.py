@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import stdtrit
 
+from beltcomm.arrays import runs_of
 from beltcomm.axis import Axis
 from beltcomm.axis.entries import LEVEL_DEG, TrajectoryLimits
 from beltcomm.drive import Limits, Motion, Row
@@ -254,9 +255,8 @@ def half_sums(recording: Recording, ratio: float) -> tuple[HoldingTorque, float]
     if speed is None:
         raise DataError(f"record {recording.name} holds no reference velocity")
     steady = np.abs(np.abs(ratio * speed) - CREEP_M_S) < 1e-3 * CREEP_M_S
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], steady.astype(int), [0]])))
     means = []
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
+    for first, last in runs_of(steady):
         begin = first + int(RUN_IN * (last - first))
         if last - begin > 50:
             means.append((float(np.sign(speed[begin])), float(np.mean(recording.torque[begin:last]))))

@@ -7,9 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, BoolArray
 from beltcomm.control import Cascade
 from beltcomm.design.compliant import with_rest_before
 from beltcomm.design.learning import LearningFilter, learning_filter
@@ -18,6 +17,7 @@ from beltcomm.experiments.proving import verify_move
 from beltcomm.experiments.verification import in_drive
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
+from beltcomm.model.value import NORMAL_95
 from beltcomm.quantities import mm
 from beltcomm.recording import Recording
 from beltcomm.sending import Sending
@@ -169,7 +169,7 @@ def _repetition(name: str, recording: Recording, ratio: float, torque: Array, ve
     return Repetition(name, rms, largest, torque, np.interp(np.arange(len(torque)), at, error), verdict)
 
 
-def _moving(path: Trajectory, samples: int) -> NDArray[np.bool_]:
+def _moving(path: Trajectory, samples: int) -> BoolArray:
     found = np.zeros(samples, dtype=bool)
     found[: len(path.t_s)] = np.abs(path.velocity_m_s) > 0.0
     return found
@@ -205,7 +205,8 @@ def _drawn(model: Model, random: np.random.Generator) -> Model:
             STIFFNESS if "stiffness" in name else MASS if name in ("cart.mass", "motor.inertia") else DAMPING if "damping" in name else 0.0
         )
         value = (
-            one.value * (1.0 + random.uniform(-beside, beside)) + min(one.interval, 0.5 * abs(one.value)) * random.standard_normal() / 1.96
+            one.value * (1.0 + random.uniform(-beside, beside))
+            + min(one.interval, 0.5 * abs(one.value)) * random.standard_normal() / NORMAL_95
         )
         values[name] = float(np.clip(value, one.low, one.high))
     return model.with_values(values)

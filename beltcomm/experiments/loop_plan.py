@@ -16,9 +16,9 @@ from beltcomm.excitation import Choice, choose, visible_band
 from beltcomm.excitation.moving import TAIL_S, MovingExcitation, moving_excitation, ramp_s, stroke_m
 from beltcomm.experiments import commission as sequence
 from beltcomm.experiments import phases
-from beltcomm.experiments.bounds import Experiment, stroking_nm
+from beltcomm.experiments.bounds import Experiment, gentle_force_n, stroking_nm
 from beltcomm.experiments.execute_step import RESPONSE_S
-from beltcomm.experiments.plan import MOVE_SECONDS, Plan, gentle_force_n
+from beltcomm.experiments.plan import MOVE_SECONDS, Plan
 from beltcomm.experiments.sign import sign_words
 from beltcomm.identify.amplitude import MotionLimits, family_around
 from beltcomm.identify.loop_amplitude import (

@@ -16,7 +16,8 @@ from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.margins import margins
 from beltcomm.effects.payload_mode import implausible
 from beltcomm.errors import DataError, Refused
-from beltcomm.fit.residual.segment import OUTLIER, segments, whitened_residual
+from beltcomm.fit.residual.segment import segments
+from beltcomm.fit.residual.whitened import OUTLIER, whitened_residual
 from beltcomm.identify.final import FinalModel, evidence, final_model
 from beltcomm.model import Model
 from beltcomm.recording import Recording

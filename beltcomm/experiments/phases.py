@@ -20,7 +20,7 @@ from beltcomm.errors import NoMotion, Refused, SafetyStop, UsageError
 from beltcomm.excitation import AskedExcitation, Choice, Excitation, PrbsChoice, choose, choose_prbs, visible_band
 from beltcomm.excitation.record import SELDOM_S
 from beltcomm.experiments import own_strokes
-from beltcomm.experiments.stops_out_of_move import positioning
+from beltcomm.experiments.stops_out_of_move import positioning, stays_inside
 from beltcomm.given import ExcitationKind
 from beltcomm.identify.amplitude import AmplitudeStep, MotionLimits, family_around, largest_amplitude
 from beltcomm.machine import exciting, host_loss, stops
@@ -383,23 +383,29 @@ def gentle_limits(machine: Machine, model: Model, speed_m_s: float) -> Trajector
     return TrajectoryLimits(jerk_m_s3=20.0 * acceleration, acceleration_m_s2=acceleration, speed_m_s=min(speed_m_s, top))
 
 
-def stoppable(machine: Machine, limits: TrajectoryLimits, plan: Callable[[TrajectoryLimits], M]) -> M:
+def stoppable(
+    machine: Machine, limits: TrajectoryLimits, plan: Callable[[TrajectoryLimits], M], stays: Callable[[Trajectory], bool] = lambda _: True
+) -> M:
     """The motion with these limits, or with slower ones, such that a stop at any moment of it ends inside the travel.
 
     Of the slowest one tried the machine itself says what is wrong.
     """
+    found = None
     for share in STOPPABLE_SHARES:
         motion = plan(limits.slower(share))
         path = motion.trajectory if isinstance(motion, Strokes) else motion
-        if not machine.stops_badly(path.position_m, path.velocity_m_s):
-            break
-    return motion
+        if machine.stops_badly(path.position_m, path.velocity_m_s):
+            continue
+        if stays(path):
+            return motion
+        found = found or motion  # friction that a loop does not know drives it the further, the longer a motion takes
+    return found or motion
 
 
 def stroke_ends(machine: Machine) -> tuple[float, float]:
     """Turning points of strokes: near the ends of the travel in a position loop, well inside in a velocity loop, which drifts."""
     low, high = machine.envelope().window_m
-    margin = stroke_share(machine.drive.capabilities) * (high - low)
+    margin = max(stroke_share(machine.drive.capabilities), machine.free_share) * (high - low)
     return low + margin, high - margin
 
 
@@ -433,4 +439,29 @@ def sweep(machine: Machine, model: Model, speeds_m_s: Sequence[float] = (), long
     at, period = machine.position_m, machine.drive.capabilities.sample_period_s
     far = farther_end_m(machine)
     limits, settle_s = gentle_limits(machine, model, np.inf), own_strokes.settle_s(machine)
-    return stoppable(machine, limits, lambda slower_: sweep_strokes(at, far, slower_, period, "twice", speeds_m_s, settle_s, longest_s))
+    return stoppable(
+        machine,
+        limits,
+        lambda slower_: sweep_strokes(at, far, slower_, period, "twice", speeds_m_s, settle_s, longest_s),
+        lambda path: stays_inside(machine, path, stroke_envelope(machine)),
+    )
+
+
+def sweep_is_sure(machine: Machine, model: Model) -> bool:
+    """True if a sweep over the whole way of strokes keeps to it by the loop in the drive, whatever of its family the axis is."""
+    near, far = stroke_ends(machine)
+    path = sweep_strokes(near, far, gentle_limits(machine, model, np.inf), machine.drive.capabilities.sample_period_s, "once").trajectory
+    return stays_inside(machine, path, stroke_envelope(machine))
+
+
+def short_strokes(machine: Machine, model: Model, way_m: float, share: float, top_m_s: float, plateau_s: float) -> Strokes:
+    """A stroke forth and back from where the carriage stands towards the farther end, at a share of the fastest speed for that way."""
+    at, limits, period = machine.position_m, gentle_limits(machine, model, np.inf), machine.drive.capabilities.sample_period_s
+    far = farther_end_m(machine)
+    end = at + math.copysign(min(way_m, abs(far - at)), far - at)
+
+    def plan(slower: TrajectoryLimits) -> Strokes:
+        fastest = min(top_m_s, fastest_stroke_m_s(slower, abs(end - at), plateau_s))
+        return sweep_strokes(at, end, slower, period, "once", [share * fastest], longest_s=plateau_s)
+
+    return stoppable(machine, limits, plan, lambda path: stays_inside(machine, path, stroke_envelope(machine)))

@@ -12,7 +12,7 @@ import numpy as np
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
 from beltcomm.excitation import AS_CHOSEN, AskedExcitation
-from beltcomm.experiments import gain_steps, own_strokes, phases, sampling_limits, stop_unit, stops_out_of_move
+from beltcomm.experiments import friction_feedforward, gain_steps, own_strokes, phases, sampling_limits, stop_unit, stops_out_of_move
 from beltcomm.experiments.bounds import (
     CREEP_SECONDS,
     Experiment,
@@ -20,6 +20,7 @@ from beltcomm.experiments.bounds import (
     course_before,
     fastest_m_s,
     friction_before_nm,
+    gentle_force_n,
     has_room,
     held_before_nm,
     lines_of,
@@ -31,7 +32,7 @@ from beltcomm.experiments.bounds import (
 from beltcomm.experiments.plan_words import Point, commission_points, host_loss, identify_points, point_rows
 from beltcomm.experiments.sign import sign_seconds, sign_words
 from beltcomm.language import told, tr
-from beltcomm.machine import creep, gravity
+from beltcomm.machine import creep
 from beltcomm.machine.heat import HeatPlan, Thermal, heat_plan, path_rms_nm
 from beltcomm.model import Model
 from beltcomm.result import Row, plain, table
@@ -257,7 +258,7 @@ def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "st
     at_rest = stroking_nm(axis, capabilities, 0.0)  # friction may stay wound up
     heating = math.sqrt(moving * stroking_nm(axis, capabilities, share) ** 2 + at_rest**2)
     move = Experiment("verification move", min(whole, axis.targets.way_m), whole, moved, torque, force, 3.0 + MOVE_SECONDS, heating)
-    tried = stop_unit.line(axis, capabilities)
+    tried = (*stop_unit.line(axis, capabilities), *friction_feedforward.line(axis, capabilities))
     budget = record_schedule.BUDGET_S[extent] + (HOLDING_SECONDS if axis.mounting.tilted else 0.0) + sum(one.seconds for one in tried)
     return Plan(
         _moves_by_itself(axis),
@@ -309,12 +310,6 @@ def _sweep(axis: Axis, capabilities: Capabilities, seconds: float) -> Experiment
     # Where only the motor bounds the force, all of its torque all the time would be far from what a sweep takes.
     heating = stroking_nm(axis, capabilities) if axis.transmission is None else bounds_of(axis, capabilities, Step("sweep")).heating_nm
     return Experiment("constant-speed sweep", travel, whole, speed, torque, gentle_force_n(axis), seconds, heating)
-
-
-def gentle_force_n(axis: Axis) -> float:
-    """Belt force of strokes, N: a third of its limit, and on a tilted axis the weight it carries all the time."""
-    held = abs(gravity.expected(axis).torque_nm) / axis.transmission_m_rad if axis.mounting.tilted else 0.0
-    return phases.GENTLE_SHARE * axis.belt_force_limit_n + held
 
 
 def move_plan(
@@ -426,7 +421,7 @@ def _here(
     shaken_m = excitation_travel_m(capabilities.sample_period_s)
     travel, reach = min(shaken_m, widest), min(shaken_m + phases.END_MARGIN_M, widest)
     held, slow = held_before_nm(axis), stroking_nm(axis, capabilities, 0.0)
-    response_s = asked.seconds(capabilities.sample_period_s) or RESPONSE_SECONDS
+    response_s = asked.seconds() or RESPONSE_SECONDS
     binary = math.hypot(phases.excitation_torque_nm(axis, capabilities, held), held)
     return (
         Experiment(

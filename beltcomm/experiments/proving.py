@@ -27,9 +27,9 @@ from beltcomm.machine.machine import Machine
 from beltcomm.machine.prediction_watch import BELT_BEYOND
 from beltcomm.model import Model
 from beltcomm.quantities import mm
-from beltcomm.rundata import calibration, led_gains
-from beltcomm.rundata.led_gains import as_in_drive
+from beltcomm.rundata import calibration
 from beltcomm.rundata.proof import LEARNT, move_name, proof
+from beltcomm.rundata.store import as_in_drive, keep_led_gains, led_gains_of
 from beltcomm.sending import Sending, Sent, grid_of, predict_sent, reference_for
 from beltcomm.trajectory import Trajectory, with_dwell
 from beltcomm.verify import (
@@ -103,8 +103,8 @@ def verify_move(
     _check_lead(machine, sent, path)
     _check_along(machine, sent)
     _check_belt(machine, model, path, trajectory)
-    lag = allowed_lag_m(path)
-    if sent.reference is not None and led_gains.known(machine.folder) is None:
+    lag = allowed_lag_m(model, predict)
+    if sent.reference is not None and led_gains_of(machine.folder) is None:
         lag += max(LEARNING_SLACK, calibration.unsure(machine.folder)) * float(np.max(np.abs(sent.reference.lead_m)))
     setpoints = sent.motor if sent.reference is None else sent.reference.sent
     stops = worst_stops(machine, model, running, drive, setpoints, lag, sent.torque_nm)
@@ -125,7 +125,7 @@ def verify_move(
     if sent.reference is not None:
         ahead = grid.in_loop(sent.reference.lead_m) / machine.ratio
         if (shown := gain_factors(recording, ahead, taken, drive.structure, delay_s, calibration.unsure(machine.folder))) is not None:
-            led_gains.keep(machine.folder, shown)
+            keep_led_gains(machine.folder, shown)
 
     def error(other: Model, stretch_m: float) -> TrackingError:
         return predict(other, stretch_m).error_for(machine.axis.targets)
@@ -151,7 +151,7 @@ def learn_gains(
     machine: Machine, model: Model, cascade: Cascade, delay_s: float, standard: StandardMove, payloads_kg: Sequence[float]
 ) -> None:
     """A slow move with a led reference, which shows what the gains in the drive are; nothing where the run knows it."""
-    if led_gains.known(machine.folder) is not None:
+    if led_gains_of(machine.folder) is not None:
         return
     slow = standard.at(LEARNING_SHARE, machine.drive.capabilities.sample_period_s)
     name = move_name(machine.folder, proof(cascade, slow, payloads_kg, "led"))

@@ -6,13 +6,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.errors import NoMotion, Refused, SafetyStop
 from beltcomm.experiments.phases import BELT_SHARE, excitation_envelope, motion_limits, without_offset
 from beltcomm.experiments.recentre import QUIETER, may_not_excite, stands_after
-from beltcomm.fit.start.first_estimate import data_sheet_model, moves_enough, stiffness_range
-from beltcomm.fit.start.first_path import first_path
+from beltcomm.fit.start.first_estimate import data_sheet_model, first_path, moves_enough, stiffness_range
 from beltcomm.fit.torque.acting_torque import acting_recording
 from beltcomm.identify.amplitude import (
     AmplitudeStep,
@@ -55,7 +54,7 @@ class _Next:
 
     order: int
     clock: int
-    unit: NDArray[np.float64]
+    unit: Array
     step: AmplitudeStep
     at_m: float
     limits: MotionLimits

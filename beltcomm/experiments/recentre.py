@@ -54,6 +54,11 @@ def stands(machine: Machine) -> bool:
     return False
 
 
+def lags_behind(machine: Machine, kind: str, problem: SafetyStop) -> bool:
+    """True if a path left behind or overshot a first loop, too weak for what its feedforward does not know yet; the axis stands then."""
+    return kind != "response" and problem.reason in ("lag", "position") and stands(machine)
+
+
 def bring_back(machine: Machine, model: Model, step: Step, problem: SafetyStop) -> bool:
     """True if the session goes on after the stop of an open-loop step; then the carriage is at its place again.
 

@@ -20,12 +20,11 @@ from beltcomm.machine.envelope import Envelope
 from beltcomm.machine.machine import Machine
 from beltcomm.machine.prediction_watch import SURPRISE
 from beltcomm.model import Model
-from beltcomm.simulate.loop import close_loop
+from beltcomm.simulate.loop import SetpointGrid, close_loop
 from beltcomm.simulate.plant import SimulatedPlant
-from beltcomm.simulate.setpoints import SetpointGrid
-from beltcomm.simulate.stop_out_of_move import NO_STOP, OFF_THE_MODEL, References, StopOutOfMove, StopReaction, predict_stop_out_of_move
+from beltcomm.simulate.stopping import NO_STOP, OFF_THE_MODEL, References, StopOutOfMove, StopReaction, predict_stop_out_of_move
 from beltcomm.trajectory import Trajectory
-from beltcomm.verify import Loop, PredictedMove
+from beltcomm.verify import Loop, PredictedMove, TrackingError, predict_range
 
 #: By how much the belt's force may exceed its limit, for some milliseconds, when the host is lost in the move that commissioning chooses;
 #: one that somebody asks for is refused beyond the second.
@@ -35,6 +34,8 @@ HOST_LOSS_SWING, HOST_LOSS_BEYOND = 1.4, 1.5
 BELT_SWING, STOP_SWING = 1.05, 1.15
 #: Shares of its speed at which positioning is tried, and instants of it.
 POSITIONING_SHARES, POSITIONING_INSTANTS = (1.0, 0.85, 0.7, 0.55, 0.4, 0.3, 0.2), 24
+#: Instants of a motion by each model of the family; m, within which all of them follow a loop whose stops need no look.
+UNSURE_INSTANTS, FOLLOWS_M = 8, 3e-3
 #: Instants around the worst one at which a stop is looked at, too: its force is a narrow peak where the axis speeds up.
 FINER = 7
 #: Instants of a move at which the host is thought to be lost.
@@ -55,11 +56,14 @@ class StopsOutOfMove:
         By the drive itself, as soon as it notices that setpoints stand still.
     completed : StopOutOfMove
         None: the move to its end, with what it overshoots.
+    lag_m : float, m
+        Largest following error of the completed move.
     """
 
     asked_for: StopOutOfMove = NO_STOP
     host_lost: StopOutOfMove = NO_STOP
     completed: StopOutOfMove = NO_STOP
+    lag_m: float = 0.0
 
     def inside(self, window_m: tuple[float, float]) -> bool:
         """True if neither the move nor a stop out of it leaves a window."""
@@ -78,9 +82,23 @@ def stop_limit_n(axis: Axis) -> float:
     return STOP_SWING * axis.belt_force_limit_n
 
 
-def allowed_lag_m(path: PredictedMove) -> float:
-    """Following error beyond which a move is stopped, m."""
-    return SURPRISE * float(np.max(np.abs(path.reference_m - path.motor_m))) + LAG_SLACK_M
+def allowed_lag_m(model: Model, predict: Callable[[Model, float], PredictedMove]) -> float:
+    """Following error beyond which a move is stopped, m: of the largest over what is not known of the axis.
+
+    Beside a weak loop, a per cent of the friction sent along is millimetres.
+
+    Parameters
+    ----------
+    predict : callable
+        Of a model and a stretch of the belt, as of :func:`beltcomm.verify.predict_range`.
+    """
+
+    def lag(on: Model, stretch_m: float) -> TrackingError:
+        path = predict(on, stretch_m)
+        return TrackingError(float(np.max(np.abs(path.reference_m - path.motor_m))), 0.0)
+
+    spread = predict_range(model, lag)
+    return SURPRISE * (lag(model, 0.0) if spread is None else spread[1]).dynamic_m + LAG_SLACK_M
 
 
 def belt_force_limit_n(machine: Machine, model: Model, speed_m_s: float, swing: float) -> float:
@@ -105,26 +123,69 @@ def positioning(
     within : callable
         Of the machine and a motion, to the envelope that it is made in.
     """
-    sent, loop, own, kind = plan(1.0), machine.cascade, machine.drive.capabilities, machine.stroking()
-    if machine.closed is None or loop is None or kind == "profile" or own.gains == "unknown":
+    sent = plan(1.0)
+    if (known := _known_loop(machine)) is None:
         return sent, within(machine, sent)
-    model, delay_s = machine.closed
-    drive = Loop(own.structure, delay_s, own.peak_torque_nm, own.counts_per_rev)
-    loop = replace(loop, feedforward=machine.feedforward or loop.feedforward)
+    model, stops = known
+    best: tuple[float, Trajectory, Envelope, StopsOutOfMove] | None = None
     for share in POSITIONING_SHARES:
         sent = plan(share)
         envelope = within(machine, sent)
-        lag = math.inf if envelope.lag_m is None else envelope.lag_m
-        found = worst_stops(machine, model, loop, drive, sent, lag, instants=POSITIONING_INSTANTS, kind=kind)
+        found = stops(model, sent, envelope, POSITIONING_INSTANTS)
         limit = belt_force_limit_n(machine, model, float(np.max(np.abs(sent.velocity_m_s))), STOP_SWING)
         borne = found.asked_for.belt_force_n <= limit and found.host_lost.belt_force_n <= HOST_LOSS_SWING * machine.axis.belt_force_limit_n
         if borne and found.inside(envelope.window_m):
-            break
+            best = best or (share, sent, envelope, found)
+            if stays_inside(machine, sent, envelope):
+                best = share, sent, envelope, found
+                break
+    share, sent, envelope, found = best or (share, sent, envelope, found)
     machine.folder.journal(
         f"positioning: a stop out of it {found.asked_for.belt_force_n:.0f} N in the belt, PC or bus lost in it "
         f"{found.host_lost.belt_force_n:.0f} N" + (f"; at {share:.2g} times its speed for that" if share < 1.0 else "")
     )
     return sent, envelope
+
+
+def stays_inside(machine: Machine, sent: Trajectory, envelope: Envelope) -> bool:
+    """True if the loop that is in the drive keeps an envelope in a motion and in any stop out of it, whatever of the family the axis is.
+
+    A loop that is weak beside the torque sent along goes where that torque drives the axis: a tenth of the friction, or of the mass,
+    that is not there is a way.  True where nobody knows the loop, the drive makes its strokes by itself, or the axis is one known model.
+    """
+    known = _known_loop(machine)
+    if known is None or len(machine.family) < 2:
+        return True
+    _, stops = known
+
+    def keeps(instants: int) -> tuple[bool, float]:
+        """True if the envelope is kept, with stops at so many instants, and the largest following error, m."""
+        largest = 0.0
+        for member in machine.family:
+            found = stops(member, sent, envelope, instants)
+            largest = max(largest, found.lag_m)
+            if not found.inside(envelope.window_m) or (machine.stroking() == "position" and found.lag_m > (envelope.lag_m or math.inf)):
+                return False, largest
+        return True, largest
+
+    kept, largest = keeps(0)
+    return kept and (largest < FOLLOWS_M or keeps(UNSURE_INSTANTS)[0])
+
+
+def _known_loop(machine: Machine) -> tuple[Model, Callable[[Model, Trajectory, Envelope, int], StopsOutOfMove]] | None:
+    """The model, and the worst stops of a model in the loop that is in the drive; None where nobody can predict it."""
+    loop, own, kind = machine.cascade, machine.drive.capabilities, machine.stroking()
+    if machine.closed is None or loop is None or kind == "profile" or own.gains == "unknown":
+        return None
+    model, delay_s = machine.closed
+    drive = Loop(own.structure, delay_s, own.peak_torque_nm, own.counts_per_rev)
+    loop = replace(loop, feedforward=machine.feedforward or loop.feedforward)
+
+    def stops(member: Model, sent: Trajectory, envelope: Envelope, instants: int) -> StopsOutOfMove:
+        lag = math.inf if envelope.lag_m is None else envelope.lag_m
+        return worst_stops(machine, member, loop, drive, sent, lag, instants=instants, kind=kind)
+
+    return model, stops
 
 
 def worst_stops(
@@ -196,4 +257,5 @@ def worst_stops(
 
     places = start_m + whole.cart_m
     completed = StopOutOfMove(float(np.ptp(places)), float(places.min()), float(places.max()), float(whole.belt_force_n.max()))
-    return StopsOutOfMove(worst(replace(lost, window_rad=math.inf, guard_s=0.0)), worst(lost), completed)
+    behind = float(np.max(np.abs(ratio * (position - position[0] - whole.position_rad))))
+    return StopsOutOfMove(worst(replace(lost, window_rad=math.inf, guard_s=0.0)), worst(lost), completed, behind)

@@ -196,7 +196,7 @@ class Supervised:
                     "heat",
                 )
             rows += 1
-            if hold is not None and rows % HOLD_ROWS == 0 and not hold.held():
+            if hold is not None and rows % HOLD_ROWS == 0 and not hold.pressed():
                 raise _released_stop()
 
         if hold is None:

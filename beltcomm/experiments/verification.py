@@ -29,7 +29,7 @@ from beltcomm.experiments.stops_out_of_move import (
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
 from beltcomm.quantities import mm
-from beltcomm.rundata.led_gains import as_in_drive
+from beltcomm.rundata.store import as_in_drive
 from beltcomm.sending import predict_led
 from beltcomm.trajectory import Trajectory, load_move, plan_trajectory, with_dwell
 from beltcomm.verify import REST_S, Loop, PredictedMove, TrackingError, demand, predict_move, predict_range, tracking_error
@@ -48,6 +48,8 @@ BELT_TRIES = 8
 LEAST_SHARE = 0.3
 #: A force that is more times its limit than this tells by how much it is beyond only roughly.
 MOST_OVER = 4.0
+#: What a stop out of the travel counts as: no force tells how far the move is beyond.
+OUTSIDE = 1.5
 #: What a move with a led reference is slowed down by at a time.
 SLOWER = 0.9
 #: m: positioning ends so far beside its goal at most, and the move that was planned from there begins beside it too.
@@ -95,8 +97,8 @@ def standard_move(machine: Machine, model: Model) -> StandardMove:
     return StandardMove(start, end, *admissible(machine, model, start, end, limits), chosen=stated is None)
 
 
-def _kept_by_belt(machine: Machine, model: Model, cascade: Cascade, delay_s: float) -> StandardMove:
-    """The standard move, slowed down until the belt keeps its limits with this controller: as it swings, in a
+def _kept_inside(machine: Machine, model: Model, cascade: Cascade, delay_s: float) -> StandardMove:
+    """The standard move, slowed down until the belt keeps its limits and the carriage its travel with this controller: as it swings, in a
     stop, and when the host is lost.
 
     Raises
@@ -115,6 +117,7 @@ def _kept_by_belt(machine: Machine, model: Model, cascade: Cascade, delay_s: flo
             (path.belt_force_n / swing, f"the swinging belt carries more than {swing:.0f} N"),
             (stops.asked_for.belt_force_n / stop, f"a stop loads the belt beyond {stop:.0f} N"),
             (stops.host_lost.belt_force_n / beyond, f"a lost PC loads the belt beyond {beyond:.0f} N"),
+            (0.0 if stops.inside(machine.envelope().window_m) else OUTSIDE, "a stop or a lost PC takes the carriage out of its travel"),
         )
         if over <= 1.0:
             break
@@ -130,17 +133,24 @@ def _kept_by_belt(machine: Machine, model: Model, cascade: Cascade, delay_s: flo
 
 def slowed_move(machine: Machine, model: Model, cascade: Cascade, delay_s: float) -> StandardMove:
     """The standard move, as fast as belt, a lost host and, where its limits are our choice, the settled error let it be."""
-    return _settling(machine, model, cascade, delay_s, _kept_by_belt(machine, model, cascade, delay_s))
+    return _settling(machine, model, cascade, delay_s, _kept_inside(machine, model, cascade, delay_s))
 
 
 def predicted_stops(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> StopsOutOfMove:
     """The worst stops out of a move, with a led reference where the drive gets one."""
-    path = predicted(machine, model, cascade, delay_s, trajectory)
-    drive, sent, running = in_drive(machine, delay_s), with_dwell(trajectory, REST_S), cascade
-    if uses_led_reference(machine.drive, machine.axis, cascade):
+    drive, path, running = in_drive(machine, delay_s), with_dwell(trajectory, REST_S), cascade
+    sent = path
+    if leads := uses_led_reference(machine.drive, machine.axis, cascade):
         running = as_in_drive(machine.folder, cascade)
-        sent = led_reference(model, sent, running, drive.structure, delay_s).sent
-    return worst_stops(machine, model, running, drive, sent, allowed_lag_m(path))
+        led = led_reference(model, path, running, drive.structure, delay_s)
+        sent = led.sent
+
+    def predict(on: Model, stretch_m: float) -> PredictedMove:
+        if leads:
+            return predict_led(on, running, led, drive, stretch_m)
+        return predict_move(on, running, path, drive, belt_stretch_m=stretch_m)
+
+    return worst_stops(machine, model, running, drive, sent, allowed_lag_m(model, predict))
 
 
 def _way(machine: Machine) -> tuple[float, float]:

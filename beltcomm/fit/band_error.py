@@ -2,7 +2,7 @@
 
     error² = mean (g * e)²,   torque² = mean (g * τ)²        over the samples that count
 
-e : residual torque of :func:`beltcomm.fit.residual.segment.evaluate`, N m at the motor shaft.   τ : the torque that was reported.
+e : residual torque of :func:`beltcomm.fit.residual.whitened.evaluate`, N m at the motor shaft.   τ : the torque that was reported.
 g : Gaussian low-pass without phase, 3 dB at the band's edge, one for both; samples that do not count take no part in it.
 
 Without a band e of a coarse encoder is little but rounding, J times its second difference.  So the band is the widest of
@@ -17,16 +17,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
 
+from beltcomm.arrays import Array, BoolArray
 from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.fit.noise.whitening import noises
 from beltcomm.fit.records import Data
-from beltcomm.fit.residual.segment import Segment, evaluate, evaluate_each, noise_paths_of, with_observers
+from beltcomm.fit.residual.segment import Segment
+from beltcomm.fit.residual.whitened import evaluate, evaluate_each, noise_paths_of, with_observers
 from beltcomm.model import Model
-
-Array = NDArray[np.float64]
 
 #: Hz, from wide to narrow.
 BANDS_HZ = (240.0, 120.0, 60.0, 30.0, 15.0, 8.0, 4.0)
@@ -64,7 +63,7 @@ class Banded:
     held_out: bool
     error: Array
     torque: Array
-    keep: NDArray[np.bool_]
+    keep: BoolArray
     noise: float
     sample_s: float
     whole: Array
@@ -217,7 +216,7 @@ def change(pairs: Sequence[tuple[Banded, Banded]]) -> tuple[float, float]:
     return min(rise, max(read_off, 0.0)), max(chance, READ_OFF * squares)
 
 
-def low_passed(signal: Array, keep: NDArray[np.bool_], band_hz: float, sample_s: float) -> tuple[Array, NDArray[np.bool_]]:
+def low_passed(signal: Array, keep: BoolArray, band_hz: float, sample_s: float) -> tuple[Array, BoolArray]:
     """The signal by a Gaussian low-pass over the samples that count, and where :data:`WEIGHT` of its weights stand on such; (n,) each.
 
     Beside a standstill, where e says nothing, what is left of the weights no longer takes the differences out of the rounding.

@@ -7,16 +7,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.compiled import in_one_thread
 from beltcomm.fit.estimate import AT_A_TIME, Fitted, fit, resume_fit
 from beltcomm.fit.least_squares import least_plain_error
 from beltcomm.fit.likelihood.problem import OFFSET_M
 from beltcomm.fit.noise.angle import NOISY
 from beltcomm.fit.noise.decimation import smallest_step
-from beltcomm.fit.noise.level import FEWEST, ORDER, roughness
-from beltcomm.fit.path_fit.choice import EXPLAINED, GOOD, PathChoice, choose_path, commands
+from beltcomm.fit.noise.level import FEWEST, ORDER, white_noise_deviation
+from beltcomm.fit.path_fit.choice import EXPLAINED, GOOD, PathChoice, choose_path, reads_command
 from beltcomm.fit.path_fit.residual_colour import with_likeliest_colour
 from beltcomm.fit.path_fit.sensor_noise import split_noise
 from beltcomm.fit.path_fit.values import by_path, refine_path
@@ -39,8 +39,6 @@ from beltcomm.fit.torque.reading_fit import CLEAR, fit_reading
 from beltcomm.fit.uncertainty.intervals import UNEXPLAINED, with_intervals
 from beltcomm.fit.uncertainty.nuisance import hold, next_to_hold, with_nuisance
 from beltcomm.model import Model
-
-Array = NDArray[np.float64]
 
 #: Error over the noise below which only the noise may be wrong.
 NEARLY = 1.25
@@ -104,7 +102,7 @@ def _fit_base(
     data: Data, start: Model, fixed: Sequence[str], path: TorquePath | None, publish: bool, progress: Callable[[float], None]
 ) -> tuple[Data, Fitted]:
     chain = fit_reading([r for r in data.recordings if not r.sidecar.held_out])
-    commanded = commands(chain, data.recordings)
+    commanded = reads_command(chain, data.recordings)
     if commanded:  # then nothing but the motion tells how noisy the torque is
         loud = LOUD * max(float(np.sqrt(np.mean(piece.torque**2))) for piece in data.fitted)
         data = prepare_records(
@@ -275,7 +273,7 @@ def _roughness(fitted: Fitted) -> float:
                 together = at[ORDER:] - at[:-ORDER] == ORDER * piece.group * apart
                 differences.append(np.diff(white, ORDER)[together] if len(at) > ORDER else np.zeros(0))
         joined = np.concatenate(differences)
-        found.append(roughness(joined) if len(joined) >= FEWEST else math.inf)
+        found.append(white_noise_deviation(joined) if len(joined) >= FEWEST else math.inf)
     near, far = found
     return near if far < ALIKE * near else 1.0
 

@@ -8,18 +8,17 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from beltcomm.arrays import Array
 from beltcomm.fit.likelihood.free_parameters import free_parameters
 from beltcomm.fit.likelihood.local_quadratic import LocalQuadratic
 from beltcomm.fit.likelihood.problem import OFFSET_M, Minimum, Problem, hopeless, time_blocks
 from beltcomm.fit.records import Data
 from beltcomm.fit.residual.observer import needs_observer
-from beltcomm.fit.residual.segment import Segment, whitened_residual, with_observer, with_observers
+from beltcomm.fit.residual.segment import Segment
+from beltcomm.fit.residual.whitened import whitened_residual, with_observer, with_observers
 from beltcomm.model import Model
-
-Array = NDArray[np.float64]
 
 #: Where the carriage of a held-out record may have stuck at its start: looked at so far apart, m, so many times to either side.
 APART_M, SIDEWAYS = 0.25 * OFFSET_M, 4

@@ -10,16 +10,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from beltcomm.arrays import Array
 from beltcomm.fit.band_error import QUIET_SHARE, band_limited_errors, band_of, in_band
 from beltcomm.fit.estimate import ENOUGH, STRETCH_S, Fitted, evaluate_at, problem_of
 from beltcomm.fit.likelihood.problem import Problem
 from beltcomm.fit.records import Data
 from beltcomm.fit.residual.observer import needs_observer
-
-Array = NDArray[np.float64]
 
 #: Error over the noise from which on a model is far off, and share of the plain error by which another fit of it must be better.
 FAR_ABOVE, LESS = 2.0, 0.02

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from beltcomm.arrays import Array
 from beltcomm.errors import DataError
 from beltcomm.fit.base import fit_base
 from beltcomm.fit.estimate import Fitted
@@ -24,8 +24,6 @@ from beltcomm.fit.uncertainty.nuisance import held_remarks
 from beltcomm.fit.uncertainty.remarks import remark_on, remarks_on_pairs
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-
-Array = NDArray[np.float64]
 
 #: s in which the axis moves and samples of them, for each parameter, and s of records for each beside some more, without which nothing is
 #: fitted.  Seconds, since half the rate has half the samples of the same motion.

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from beltcomm.arrays import Array, robust_deviation
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.fit.loads import mounted_by
@@ -20,13 +20,12 @@ from beltcomm.fit.noise.decimation import is_counted, smallest_step
 from beltcomm.fit.noise.level import noise_colour, torque_noise
 from beltcomm.fit.noise.whitening import whitener
 from beltcomm.fit.residual.observer import needs_observer
-from beltcomm.fit.residual.segment import Segment, acting_noise, evaluate, noise_paths_of, segments, whitener_of, with_observers
+from beltcomm.fit.residual.segment import Segment, acting_noise, segments
 from beltcomm.fit.residual.usable_samples import creeping_samples
+from beltcomm.fit.residual.whitened import evaluate, noise_paths_of, whitener_of, with_observers
 from beltcomm.fit.torque.path import FAITHFUL, TorquePath
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-
-Array = NDArray[np.float64]
 
 #: Fine steps per sample while effects are searched: the carriage's antiresonance is off by (2 pi f h)²/24, 8e-4 at 90 Hz, which the
 #: fit takes up in the stiffness.
@@ -620,7 +619,7 @@ def repeat_noise(recordings: Sequence[Recording], step_rad: float) -> float:
         places = np.linspace(low, high, FEWEST)
         rows = [np.interp(places, *by_place(r.position[c], r.torque[c])) for r, c in ((one, first), (two, second))]
         left = (rows[0] - rows[1]) / np.sqrt(2.0)
-        found.append(1.4826 * float(np.median(np.abs(left - np.median(left)))))
+        found.append(robust_deviation(left - np.median(left)))
     return float(min(found, default=0.0))
 
 

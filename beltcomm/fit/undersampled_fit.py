@@ -8,15 +8,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.fit.model_fit import ModelFit, fit_model
-from beltcomm.fit.start.undersampled import LATE_S, SeldomEstimate, comes_seldom, estimate
+from beltcomm.fit.start.undersampled import LATE_S, NO_PASSES, SeldomEstimate, SteadyPasses, comes_seldom, estimate
 from beltcomm.fit.uncertainty.nuisance import released
 from beltcomm.model import Model
+from beltcomm.model.value import NORMAL_95
 from beltcomm.recording import Recording
-
-Array = NDArray[np.float64]
 
 #: Rounding of the encoder in a second difference of its angle, in its steps.
 SECOND_DIFFERENCE = math.sqrt(0.5)
@@ -60,7 +59,7 @@ class SeldomFit(ModelFit):
     @property
     def quantile(self) -> float:
         """Half width of a 95 % interval in standard deviations."""
-        return 1.96
+        return NORMAL_95
 
     @cached_property
     def correlation(self) -> Array:
@@ -78,7 +77,7 @@ class SeldomFit(ModelFit):
         )
 
 
-def fit_seldom(recordings: Sequence[Recording], start: Model, *, counts_per_rev: int) -> SeldomFit | None:
+def fit_seldom(recordings: Sequence[Recording], start: Model, *, counts_per_rev: int, passes: SteadyPasses = NO_PASSES) -> SeldomFit | None:
     """The model by the open-loop records of the place where most was measured first.
 
     Parameters
@@ -89,6 +88,8 @@ def fit_seldom(recordings: Sequence[Recording], start: Model, *, counts_per_rev:
         By the data sheets.
     counts_per_rev : int
         Of the encoder.
+    passes : SteadyPasses
+        Of its strokes at constant speed.
 
     Returns
     -------
@@ -105,7 +106,7 @@ def fit_seldom(recordings: Sequence[Recording], start: Model, *, counts_per_rev:
         return None
     here = told[0].sidecar.start_position_m or 0.0
     told = [r for r in told if abs((r.sidecar.start_position_m or 0.0) - here) < ONE_PLACE_M]
-    found = estimate(told, released(start), LATE_S)  # which keeps near the data sheets what the rows do not tell
+    found = estimate(told, released(start), LATE_S, passes=passes)  # which keeps near the data sheets what the rows do not tell
     fixed = [name for name in found.model.parameters if name not in (LEFT, "transmission.ratio")]
     rest = fit_model(recordings, found.model, counts_per_rev=counts_per_rev, fixed=fixed)
     return SeldomFit(rest.data, rest.fitted, found.model, found, 2.0 * math.pi / counts_per_rev)

@@ -39,7 +39,7 @@ def _hdf5(path: Path) -> Table:
 
 
 def _mdf(path: Path) -> Table:
-    from beltcomm.foreign.mdf import read_mdf
+    from beltcomm.foreign.optional_formats import read_mdf
 
     return read_mdf(path)
 
@@ -59,13 +59,13 @@ def _numpy(path: Path) -> Table:
 
 
 def _tdms(path: Path) -> Table:
-    from beltcomm.foreign.tdms import read_tdms
+    from beltcomm.foreign.optional_formats import read_tdms
 
     return read_tdms(path)
 
 
 def _mcap(path: Path) -> Table:
-    from beltcomm.foreign.mcapfile import read_mcap
+    from beltcomm.foreign.optional_formats import read_mcap
 
     return read_mcap(path)
 

@@ -16,13 +16,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Column
 from beltcomm.errors import DataError
 from beltcomm.foreign.table import Table
 from beltcomm.outside import check_columns
 
-Column = NDArray[Any]
 _TIME = re.compile(r"(t|time|times|timestamps?|tout|zeit|t_?(s|sec|ms|us))$", re.I)
 _DATA = ("data", "values", "value", "daten", "werte")
 _UNIT = ("unit", "units", "einheit", "einheiten")

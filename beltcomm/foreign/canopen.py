@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import BoolArray, IntArray
 from beltcomm.foreign.framelog import FrameLog
 
 Place = tuple[int, int]
@@ -74,8 +75,8 @@ class ObjectSamples:
     """
 
     frames: NDArray[np.intp]
-    raw: NDArray[np.int64]
-    synchronous: NDArray[np.bool_]
+    raw: IntArray
+    synchronous: BoolArray
 
 
 @dataclass
@@ -194,7 +195,7 @@ def samples(log: FrameLog, seen: list[Seen], node: int, signed: frozenset[int]) 
     signed : frozenset[int]
         Indices of objects that may be negative.
     """
-    pieces: dict[tuple[str, Place], list[tuple[NDArray[np.intp], NDArray[np.int64], NDArray[np.bool_]]]] = {}
+    pieces: dict[tuple[str, Place], list[tuple[NDArray[np.intp], IntArray, BoolArray]]] = {}
     changes = pdos(seen, node)
     for position, change in enumerate(changes):
         pdo = (change.direction, change.number)
@@ -227,7 +228,7 @@ def _placed(entries: tuple[tuple[int, int, int], ...]) -> Iterator[tuple[int, in
         first += bits
 
 
-def bits_of(words: NDArray[np.uint8], first: int, bits: int, signed: bool) -> NDArray[np.int64]:
+def bits_of(words: NDArray[np.uint8], first: int, bits: int, signed: bool) -> IntArray:
     """Little-endian integers of ``bits`` bits from bit ``first`` on.
 
     Parameters
@@ -241,7 +242,7 @@ def bits_of(words: NDArray[np.uint8], first: int, bits: int, signed: bool) -> ND
     return np.asarray((shifted >> np.uint64(64 - bits)).view(np.int64), dtype=np.int64)
 
 
-def _joined(parts: list[tuple[NDArray[np.intp], NDArray[np.int64], NDArray[np.bool_]]]) -> ObjectSamples:
+def _joined(parts: list[tuple[NDArray[np.intp], IntArray, BoolArray]]) -> ObjectSamples:
     frames, raw, waits = (np.concatenate(column) for column in zip(*parts, strict=True))
     order = np.argsort(frames, kind="stable")
     return ObjectSamples(frames[order], raw[order], waits[order])

@@ -10,6 +10,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Column
 from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.mapping import Source, kept_columns, sources_for
 from beltcomm.foreign.rasters import on_one_raster, resampled
@@ -19,7 +20,6 @@ from beltcomm.foreign.timestamps import checked_time, joined_counter, rough_stam
 from beltcomm.quantities import in_other_unit, parse_quantity, unit_of
 from beltcomm.recording.columns import CHANNELS, COMMON, KNOWN_COLUMNS
 
-Column = NDArray[Any]
 #: Columns that act over a step; all others are sampled at its beginning.
 _ACTING = tuple(channels[signal] for channels in CHANNELS.values() for signal in ("torque", "torque_setpoint") if signal in channels)
 #: Larger numbers stand for a missing value.

@@ -13,8 +13,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from beltcomm.arrays import Array, IntArray
-from beltcomm.encoder.edges import LEVEL_A, LEVEL_B, Edges
-from beltcomm.encoder.quadrature import count_increments
+from beltcomm.encoder.edges import LEVEL_A, LEVEL_B, Edges, count_increments
 from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.files import read_table
 from beltcomm.foreign.kinds import kind_of_table

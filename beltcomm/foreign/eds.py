@@ -25,6 +25,8 @@ LARGEST_FILE: Final = 8_000_000
 LISTED: Final = 5
 _SECTION: Final = re.compile(r"\[\s*([^\]]*?)\s*\]?\s*(?:[;#].*)?")
 _OBJECT: Final = re.compile(r"(?:0x)?([0-9a-f]{4})h?(?:\s*sub\s*(?:0x)?([0-9a-f]{1,2})|\s*(value))?", re.IGNORECASE)
+#: A value that counts from the node's address is read for this one.
+_NODE_ID: Final = 1
 _NODE: Final = re.compile(r"\$?\s*nodeid\s*\+?|\+\s*\$?\s*nodeid", re.IGNORECASE)
 _LISTS: Final = ("MandatoryObjects", "OptionalObjects", "ManufacturerObjects")
 _ACCESS: Final = ("ro", "wo", "rw", "rwr", "rww", "const")
@@ -115,11 +117,11 @@ def load_object_file(path: Path) -> ObjectFile:
     return parse(content, path)
 
 
-def parse(content: bytes, path: Path, node: int = 1) -> ObjectFile:
+def parse(content: bytes, path: Path) -> ObjectFile:
     """Read an EDS or DCF from its bytes."""
     repairs = _Repairs()
     sections = _sections(_text(content, repairs), repairs)
-    objects = _objects(sections, repairs, node)
+    objects = _objects(sections, repairs)
     if not objects:
         raise DataError(f"{path} holds no object; it is no EDS or DCF (CiA 306)")
     _check_lists(sections, {item.index for item in objects}, repairs)
@@ -174,7 +176,7 @@ def _sections(text: str, repairs: _Repairs) -> dict[str, dict[str, str]]:
     return sections
 
 
-def _objects(sections: Mapping[str, Mapping[str, str]], repairs: _Repairs, node: int) -> list[FileObject]:
+def _objects(sections: Mapping[str, Mapping[str, str]], repairs: _Repairs) -> list[FileObject]:
     found: dict[tuple[int, int], FileObject] = {}
     subs: dict[int, set[int]] = {}
     heads: dict[int, Mapping[str, str]] = {}
@@ -186,20 +188,20 @@ def _objects(sections: Mapping[str, Mapping[str, str]], repairs: _Repairs, node:
         if match[2] is None:
             heads.setdefault(index, entries)
             if not _structured(entries):
-                found.setdefault((index, 0), _entry(index, 0, entries, repairs, node))
+                found.setdefault((index, 0), _entry(index, 0, entries, repairs))
         else:
             sub = int(match[2], 16)
             subs.setdefault(index, set()).add(sub)
-            found[index, sub] = _entry(index, sub, entries, repairs, node)
+            found[index, sub] = _entry(index, sub, entries, repairs)
     for index, entries in heads.items():
-        compact = _number(entries.get("compactsubobj", ""), "uint8", "", _Repairs(), node)
+        compact = _number(entries.get("compactsubobj", ""), "uint8", "", _Repairs())
         if compact:
             values = sections.get(f"{index:04x}value", {})
             for sub in range(1, int(min(compact, 254)) + 1):
                 own = {**entries, "parametervalue": values.get(str(sub), entries.get("parametervalue", ""))}
-                found.setdefault((index, sub), _entry(index, sub, own, repairs, node))
+                found.setdefault((index, sub), _entry(index, sub, own, repairs))
             continue
-        said = _number(entries.get("subnumber", ""), "uint8", "", _Repairs(), node)
+        said = _number(entries.get("subnumber", ""), "uint8", "", _Repairs())
         there = len(subs.get(index, ()))
         if _structured(entries) and said is not None and int(said) != there:
             repairs.add("SubNumber wrong, the sections hold", f"{index:04X}h says {int(said)}, there are {there}")
@@ -210,14 +212,14 @@ def _objects(sections: Mapping[str, Mapping[str, str]], repairs: _Repairs, node:
 
 def _structured(entries: Mapping[str, str]) -> bool:
     """True if a section is the head of an array or record: its values stand under subindices."""
-    code = _number(entries.get("objecttype", ""), "uint8", "", _Repairs(), 0)
+    code = _number(entries.get("objecttype", ""), "uint8", "", _Repairs())
     return code in _STRUCTURED or (code is None and ("subnumber" in entries or "compactsubobj" in entries) and "datatype" not in entries)
 
 
-def _entry(index: int, sub: int, entries: Mapping[str, str], repairs: _Repairs, node: int) -> FileObject:
+def _entry(index: int, sub: int, entries: Mapping[str, str], repairs: _Repairs) -> FileObject:
     title = name_of(index, sub)
-    data_type = _number(entries.get("datatype", ""), "uint16", f"DataType of {title}", repairs, node)
-    if data_type is None and _number(entries.get("objecttype", ""), "uint8", "", _Repairs(), node) != _DOMAIN:
+    data_type = _number(entries.get("datatype", ""), "uint16", f"DataType of {title}", repairs)
+    if data_type is None and _number(entries.get("objecttype", ""), "uint8", "", _Repairs()) != _DOMAIN:
         repairs.add("no DataType, its value is not used", title)
     kind = None if data_type is None else kind_of(int(data_type))
     access = entries.get("accesstype", "").lower()
@@ -225,7 +227,7 @@ def _entry(index: int, sub: int, entries: Mapping[str, str], repairs: _Repairs, 
         repairs.add("no known AccessType, taken as rw" if not access else "AccessType unknown, taken as rw", title)
         access = "rw"
     numbers = {
-        key: _number(entries.get(key, ""), kind, f"{key} of {title}", repairs, node) if kind else None
+        key: _number(entries.get(key, ""), kind, f"{key} of {title}", repairs) if kind else None
         for key in ("parametervalue", "defaultvalue", "lowlimit", "highlimit")
     }
     low, high = numbers["lowlimit"], numbers["highlimit"]
@@ -237,7 +239,7 @@ def _entry(index: int, sub: int, entries: Mapping[str, str], repairs: _Repairs, 
     )
 
 
-def _number(text: str, kind: str | None, what: str, repairs: _Repairs, node: int) -> float | None:
+def _number(text: str, kind: str | None, what: str, repairs: _Repairs) -> float | None:
     """A number of a type; None for none, with a repair where something stands there.   what : it is, "" not to tell."""
     plain = text.strip().strip('"').replace("_", "")
     if not plain or kind is None:
@@ -258,7 +260,7 @@ def _number(text: str, kind: str | None, what: str, repairs: _Repairs, node: int
         if what:
             repairs.add("no number, not used", f"{what} {plain[:20]!r}")
         return None
-    value += node if count else 0
+    value += _NODE_ID if count else 0
     least, most = bounds_of(kind)
     if kind.startswith("int") and most < value <= 2 * most + 1:  # 0xFFFF is how a file writes -1
         value -= 2 * (most + 1)
@@ -288,8 +290,8 @@ def _check_lists(sections: Mapping[str, Mapping[str, str]], there: set[int], rep
             repairs.add("sections that are missing", f"[{title}]")
     for title in _LISTS:
         entries = sections.get(title.lower(), {})
-        indices = {key: _number(value, "uint16", f"[{title}] {key}", repairs, 0) for key, value in entries.items() if key.isdecimal()}
-        said = _number(entries.get("supportedobjects", ""), "uint16", f"[{title}] SupportedObjects", repairs, 0)
+        indices = {key: _number(value, "uint16", f"[{title}] {key}", repairs) for key, value in entries.items() if key.isdecimal()}
+        said = _number(entries.get("supportedobjects", ""), "uint16", f"[{title}] SupportedObjects", repairs)
         if entries and (said is None or int(said) != len(indices)):
             repairs.add("SupportedObjects wrong", f"[{title}] says {'nothing' if said is None else int(said)}, lists {len(indices)}")
         listed |= {int(index) for index in indices.values() if index is not None}

@@ -15,6 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, BoolArray, Column, IntArray
 from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.apart import Kind, read_apart
 from beltcomm.foreign.framelines import (
@@ -63,10 +64,10 @@ class FrameLog:
     """
 
     file: str
-    t_s: NDArray[np.float64]
-    identifier: NDArray[np.int64]
-    remote: NDArray[np.bool_]
-    length: NDArray[np.int64]
+    t_s: Array
+    identifier: IntArray
+    remote: BoolArray
+    length: IntArray
     data: NDArray[np.uint8]
     notes: tuple[str, ...] = ()
     in_file: int = 0
@@ -205,13 +206,13 @@ class _Frames:
         counts = np.bincount(np.array(self._columns["channel"]), minlength=len(self._channels))
         return [name for name, number in sorted(self._channels.items(), key=lambda item: -int(counts[item[1]]))]
 
-    def of_channel(self, channel: str) -> dict[str, NDArray[Any]]:
+    def of_channel(self, channel: str) -> dict[str, Column]:
         """Columns of the frames of one interface: time_ns, identifier, remote, length (n,), data (n, 8)."""
         columns = self._arrays()
         taken = columns["channel"] == self._channels[channel]
         return {name: column[taken] for name, column in columns.items()}
 
-    def _arrays(self) -> dict[str, NDArray[Any]]:
+    def _arrays(self) -> dict[str, Column]:
         columns = {name: np.frombuffer(column, dtype=column.typecode) for name, column in self._columns.items()}
         return {**columns, "data": np.frombuffer(self._data, dtype=np.uint8).reshape(-1, LONGEST)}
 
@@ -252,7 +253,7 @@ def frames_apart(kind: Kind, path: Path) -> Table:
     return frames.table(path, others)
 
 
-def _risen(stamps: NDArray[np.int64], notes: list[str]) -> NDArray[np.float64]:
+def _risen(stamps: IntArray, notes: list[str]) -> Array:
     """Stamps since the first; those of ``candump -t d``, each since the one before, are added up; a counter's turns are taken out."""
     without = stamps == _NO_STAMP
     if without.any():
@@ -263,17 +264,17 @@ def _risen(stamps: NDArray[np.int64], notes: list[str]) -> NDArray[np.float64]:
         exact = np.cumsum(exact)
     exact, turned = _without_turns(exact)
     notes += [turned] * bool(turned)
-    since: NDArray[np.float64] = np.round((exact - exact[0]) * 1e-9, 9)
+    since: Array = np.round((exact - exact[0]) * 1e-9, 9)
     return since
 
 
-def _are_steps(stamps_ns: NDArray[np.int64]) -> bool:
+def _are_steps(stamps_ns: IntArray) -> bool:
     """True if even times between frames follow a first stamp of 0: a clock would have come to them step by step."""
     usual = float(np.median(stamps_ns[1:]))
     return bool(stamps_ns[0] == 0 and np.mean(np.diff(stamps_ns[1:]) <= 0) > 0.5 and usual / 3.0 < stamps_ns[1] < 3.0 * usual)
 
 
-def _without_turns(stamps_ns: NDArray[np.int64]) -> tuple[NDArray[np.int64], str]:
+def _without_turns(stamps_ns: IntArray) -> tuple[IntArray, str]:
     """Stamps of a counter that begins anew, as if it did not, and a sentence; "" when none does.   stamps_ns : ndarray (n,)."""
     steps = np.diff(stamps_ns)
     added = np.zeros(len(stamps_ns), dtype=np.int64)

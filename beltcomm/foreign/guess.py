@@ -14,9 +14,8 @@ import numpy as np
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError, Refused, UsageError
-from beltcomm.foreign.choices import Confidence, by_unit, quoted, spelled, without_unit
 from beltcomm.foreign.mapping import Source, parse_source, sources_for
-from beltcomm.foreign.names import Meaning, meaning_of
+from beltcomm.foreign.names import Confidence, Meaning, by_unit, meaning_of, quoted, spelled, without_unit
 from beltcomm.foreign.relations import relations
 from beltcomm.foreign.table import Table
 from beltcomm.recording.columns import CHANNELS, KNOWN_COLUMNS, Side

@@ -13,10 +13,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, BoolArray, runs_of
 from beltcomm.foreign.framelog import FrameLog
-
-Mask = NDArray[np.bool_]
 
 #: s, by which stamps of frames in the right order may go back: queues of a controller, not another file.
 _QUEUE_S = 5e-3
@@ -78,8 +76,8 @@ class RowTimes:
     """
 
     t_s: Array
-    broken: Mask
-    standing: Mask
+    broken: BoolArray
+    standing: BoolArray
     notes: tuple[str, ...] = ()
 
 
@@ -109,7 +107,7 @@ def row_times(t_s: Array, position: Array, synchronous: bool, cycle_s: float | N
         return RowTimes(t_s, broken, standing)
     steps = np.diff(t_s)
     zeros = steps == 0.0
-    runs = _runs(zeros)
+    runs = runs_of(zeros)
     clean = ~zeros & (steps > 0.0)
     clean[[b for _, b in runs if b < size - 1]] = False  # a step behind a stand holds what was missed
     period = _period(steps[clean], synchronous, cycle_s)
@@ -126,12 +124,6 @@ def row_times(t_s: Array, position: Array, synchronous: bool, cycle_s: float | N
         return RowTimes(t_s, broken, standing)
     mended[broken[1:]] = period or 0.0
     return RowTimes(np.round(t_s[0] + np.concatenate(([0.0], np.cumsum(mended))), 9), broken, standing, tuple(notes))
-
-
-def _runs(zeros: Mask) -> list[tuple[int, int]]:
-    """First and last row of each run of rows on one stamp."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], zeros, [False])).astype(np.int8)))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def _period(clean: Array, synchronous: bool, cycle_s: float | None) -> float | None:
@@ -164,7 +156,7 @@ def _stands_filled(mended: Array, runs: list[tuple[int, int]], period: float, no
         notes.append(words + (f". The clock stood for {lost:.6g} s, by which all that follows is later than its stamps" if lost else ""))
 
 
-def _jumps_bridged(mended: Array, steps: Array, position: Array, period: float, broken: Mask, notes: list[str]) -> None:
+def _jumps_bridged(mended: Array, steps: Array, position: Array, period: float, broken: BoolArray, notes: list[str]) -> None:
     """Steps of the clock over which motion goes on become one period; where time goes back and it does not, time is not known."""
     back, ahead = 0, 0
     for k in np.flatnonzero((steps < 0.0) | (steps > max(PAUSE_PERIODS * period, PAUSE_S))).tolist():

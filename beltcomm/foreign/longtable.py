@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, Column
 from beltcomm.errors import DataError
 from beltcomm.foreign.names import meaning_of
-from beltcomm.foreign.table import Column, Table
+from beltcomm.foreign.table import Table
 from beltcomm.foreign.timestamps import seconds_of
 from beltcomm.outside import check_columns
 
@@ -58,7 +58,7 @@ def unstacked(table: Table) -> Table:
     return Table(table.file, columns, stated, (*table.notes, words, *notes), clocks)
 
 
-def _stamps(table: Table, time: str) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+def _stamps(table: Table, time: str) -> tuple[Array, tuple[str, ...]]:
     stamps = table.columns[time]
     if time == "Time_ms" and "VarName" in table.columns:  # of WinCC: millionths of a day
         return (stamps - stamps[0]) * 0.0864, ()

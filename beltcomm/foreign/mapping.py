@@ -90,7 +90,7 @@ def parse_source(text: str, table: Table, known: Collection[str]) -> Source:
     if not equals or not expression:
         raise UsageError(f"--map {text} is no mapping; write OURS=THEIRS*SCALE, such as torque_nm=Iq*0.65")
     if column not in known:
-        raise UsageError(f"--map {text}: {_no_column_of_ours(column, expression, table, known)}")
+        raise UsageError(f"--map {text}: {_no_column_of_ours(column, expression, known)}")
     for theirs, before, rest in _readings(expression, table):
         factors = _factors(before, rest, column)
         if factors is not None:
@@ -214,7 +214,7 @@ def _check_stated_unit(text: str, source: Source, table: Table) -> None:
         )
 
 
-def _no_column_of_ours(column: str, expression: str, table: Table, known: Collection[str]) -> str:
+def _no_column_of_ours(column: str, expression: str, known: Collection[str]) -> str:
     theirs_first = re.split(r"[*/+-]", expression)[0].strip()
     if theirs_first in known:
         return f"our column stands on the left: write --map {theirs_first}={column}{expression[len(theirs_first) :]}"

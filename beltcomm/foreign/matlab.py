@@ -1,16 +1,26 @@
-"""MATLAB files as nested mappings: version 5 to 7 by SciPy, version 7.3 and plain HDF5 by h5py (imported when such a file comes)."""
+"""MATLAB files as nested mappings: version 5 to 7 by SciPy, version 7.3 and plain HDF5 by h5py (imported when such a file comes).
+
+Objects (tables, timetables, timeseries, Simulink's) are read by mat-io, as nested mappings.
+
+Layout: "MAT-File Format", The MathWorks, chapter 1 (level 5): a data element is a tag (type, bytes) and its data, padded to 8 bytes.
+
+The sizes in a file of version 5 are checked by its bytes: SciPy's reader would work for minutes through the cells of a damaged one.
+"""
 
 from __future__ import annotations
 
 import importlib.util
+import math
+import struct
 import warnings
+import zlib
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from beltcomm.errors import DataError
-from beltcomm.foreign.matsizes import check_sizes
 from beltcomm.foreign.table import words_of
 from beltcomm.outside import check_count, opened
 
@@ -56,8 +66,6 @@ def _with_objects(path: Path, found: dict[str, Any]) -> dict[str, Any]:
     found.pop("None", None)
     there = found.pop(_OBJECTS, True)
     if there and importlib.util.find_spec("matio") is not None:
-        from beltcomm.foreign.matobjects import read_objects
-
         return {**found, **read_objects(path)}
     return {**found, OBJECTS_LEFT: "objects"}
 
@@ -177,3 +185,153 @@ def _attribute(item: Any, *names: str) -> str:
             value = value.ravel()[0] if isinstance(value, np.ndarray) and value.size else value
             return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
     return ""
+
+
+def read_objects(path: Path) -> dict[str, Any]:
+    """All variables by name, objects as mappings of what they hold.   Raises whatever the reader raises."""
+    from matio import load_from_mat
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = load_from_mat(str(path), add_table_attrs=True)
+        return {name: _plain(value, 0) for name, value in found.items() if not name.startswith("__")}
+
+
+def _plain(value: Any, depth: int) -> Any:
+    if depth > _DEEPEST:
+        return None
+    if hasattr(value, "properties") and isinstance(value.properties, Mapping):
+        return {name.rstrip("_"): _plain(item, depth + 1) for name, item in value.properties.items()}
+    if hasattr(value, "columns") and hasattr(value, "index"):
+        return _of_frame(value)
+    if isinstance(value, Mapping):
+        return {str(name): _plain(item, depth + 1) for name, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item, depth + 1) for item in value]
+    if not isinstance(value, np.ndarray):
+        return value
+    if value.dtype.names:
+        parts = [{name: _plain(part[name], depth + 1) for name in value.dtype.names} for part in value.ravel()]
+        return parts[0] if len(parts) == 1 else parts
+    if value.dtype == object:
+        parts = [_plain(item, depth + 1) for item in value.ravel()]
+        return parts[0] if len(parts) == 1 else parts
+    if value.dtype.kind in "mM":
+        return _seconds(value.ravel())
+    if value.dtype.kind == "U":
+        return str(value.ravel()[0]) if value.size == 1 else [str(item) for item in value.ravel()]
+    return value
+
+
+def _of_frame(frame: Any) -> dict[str, Any]:
+    """A table or timetable: its variables, its time, its units."""
+    found: dict[str, Any] = {}
+    index = np.asarray(frame.index)
+    if index.dtype.kind in "mM":
+        found["Time"], found["Time_unit"] = _seconds(index), "s"
+    units = frame.attrs.get("VariableUnits", frame.attrs.get("varUnits")) or []
+    for k, name in enumerate(frame.columns):
+        values = np.asarray(frame[name])
+        if values.dtype.kind in "mM":
+            found[str(name)], found[f"{name}_unit"] = _seconds(values), "s"
+            continue
+        found[str(name)] = np.stack(list(values)) if values.dtype == object and len(values) and np.ndim(values[0]) else values
+        if k < len(units) and str(units[k]).strip():
+            found[f"{name}_unit"] = str(units[k]).strip()
+    return found
+
+
+def _seconds(stamps: Any) -> Any:
+    """Since the first for dates, as they are for durations."""
+    values = stamps - stamps[0] if stamps.dtype.kind == "M" and len(stamps) else stamps
+    return values.astype("timedelta64[ns]").astype(np.int64) * 1e-9
+
+
+_HEADER: Final = 128
+_MATRIX, _COMPRESSED = 14, 15
+_CELL, _STRUCT, _OBJECT, _SPARSE = 1, 2, 3, 5
+_NUMBERS: Final = (4, *range(6, 16))
+_TAG: Final = 8
+_DEEPEST_HEADER: Final = 20
+#: Bytes of one variable, unpacked, beyond which no measurement goes.
+_LARGEST: Final = 1 << 31
+
+
+class SizesDoNotFit(Exception):
+    """A number of elements that the bytes of the file cannot hold."""
+
+
+def check_sizes(content: bytes) -> None:
+    """Walk through all elements of a version 5 file; others are left to the reader.   Raises SizesDoNotFit, struct.error, zlib.error."""
+    if len(content) < _HEADER or content[126:128] not in (b"IM", b"MI") or 0 in content[:4]:
+        return
+    order = "<" if content[126:128] == b"IM" else ">"
+    place = _HEADER
+    while place + _TAG <= len(content):
+        kind, size = struct.unpack_from(order + "II", content, place)
+        data = content[place + _TAG : place + _TAG + size]
+        place += _TAG + size
+        if kind == _COMPRESSED:
+            data = zlib.decompressobj().decompress(data, _LARGEST)
+            if len(data) < _TAG:
+                raise SizesDoNotFit("a compressed variable is empty")
+            kind, size = struct.unpack_from(order + "II", data)
+            data = data[_TAG : _TAG + size]
+        if kind == _MATRIX:
+            _matrix(memoryview(data), order, 0)
+
+
+def _element(data: memoryview, order: str) -> tuple[int, memoryview, memoryview]:
+    """Type and data of the first element, and what is behind it."""
+    word = struct.unpack_from(order + "I", data)[0]
+    if word >> 16:  # up to four bytes stand inside the tag
+        return word & 0xFFFF, data[4 : 4 + (word >> 16)], data[_TAG:]
+    size = struct.unpack_from(order + "I", data, 4)[0]
+    if size > len(data) - _TAG:
+        raise SizesDoNotFit(f"an element of {size} bytes stands where {len(data) - _TAG} are left")
+    return word, data[_TAG : _TAG + size], data[_TAG + size + (-size) % 8 :]
+
+
+def _matrix(data: memoryview, order: str, depth: int) -> None:
+    """The inside of one array: flags, dimensions, name, and what its class holds."""
+    if not len(data):
+        return
+    if depth > _DEEPEST_HEADER:
+        raise SizesDoNotFit("structures nest too deeply")
+    _, flags, data = _element(data, order)
+    kind = struct.unpack_from(order + "I", flags)[0] & 0xFF
+    _, sizes, data = _element(data, order)
+    dims = struct.unpack(f"{order}{len(sizes) // 4}i", sizes[: len(sizes) // 4 * 4])
+    if any(size < 0 for size in dims):
+        raise SizesDoNotFit(f"an array has the dimensions {dims}")
+    count = math.prod(dims)
+    _, _, data = _element(data, order)
+    if kind in _NUMBERS:
+        _, values, _ = _element(data, order)
+        if count > len(values):
+            raise SizesDoNotFit(f"an array of {count} numbers stands in {len(values)} bytes")
+    elif kind in (_CELL, _STRUCT, _OBJECT):
+        _members(data, order, kind, count, depth)
+    elif kind == _SPARSE and count > _LARGEST:
+        raise SizesDoNotFit(f"a sparse array has {count} elements")
+
+
+def _members(data: memoryview, order: str, kind: int, count: int, depth: int) -> None:
+    """The arrays inside a cell or a structure."""
+    if kind == _OBJECT:
+        _, _, data = _element(data, order)
+    if kind != _CELL:
+        _, length, data = _element(data, order)
+        _, names, data = _element(data, order)
+        width = struct.unpack_from(order + "i", length)[0]
+        if width <= 0:
+            raise SizesDoNotFit(f"names of fields have {width} letters")
+        fields = len(names) // width
+        if fields == 0 and count > 1:
+            raise SizesDoNotFit(f"{count} structures have no field")
+        count *= fields
+    if count * _TAG > len(data):
+        raise SizesDoNotFit(f"{count} members stand in {len(data)} bytes")
+    for _ in range(count):
+        _, inside, data = _element(data, order)
+        _matrix(inside, order, depth + 1)

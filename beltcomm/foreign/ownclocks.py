@@ -9,13 +9,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import BoolArray, Column
 from beltcomm.foreign.heading import Heading
 from beltcomm.foreign.names import meaning_of
-from beltcomm.foreign.table import Column, Table
-
-Mask = NDArray[np.bool_]
+from beltcomm.foreign.table import Table
 
 #: Share of missing values from which a column may be a slower signal, and how evenly its values must lie, in their usual distance.
 _SPARSE, _UNEVEN = 0.1, 2.5
@@ -198,7 +196,7 @@ def _sparse(table: Table) -> Table:
     return Table(table.file, columns, units, (*table.notes, *notes), clocks)
 
 
-def _by_intent(there: Mask) -> bool:
+def _by_intent(there: BoolArray) -> bool:
     """True if values are missing as a slower raster leaves them out: evenly, or all behind the end of a shorter record."""
     count = int(there.sum())
     if count < _FEWEST or count > (1.0 - _SPARSE) * len(there):

@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.apart import read_apart
 from beltcomm.foreign.canopen import bits_of
@@ -52,7 +53,7 @@ class Signal:
     unit: str = ""
     message: str = ""
 
-    def of(self, words: NDArray[np.uint8]) -> NDArray[np.float64]:
+    def of(self, words: NDArray[np.uint8]) -> Array:
         """Values in frames.
 
         Parameters
@@ -136,7 +137,7 @@ def dbc_apart(path: Path) -> Table:
 
 def table_of_signals(log: FrameLog, signals: Sequence[Signal]) -> Table:
     """The signals that are in the log.   Raises DataError when none of them is."""
-    columns: dict[str, NDArray[np.float64]] = {}
+    columns: dict[str, Array] = {}
     units: dict[str, str] = {}
     clocks: dict[str, str] = {}
     names = [signal.name for signal in signals]

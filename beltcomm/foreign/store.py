@@ -17,9 +17,9 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltcomm import atomic
+from beltcomm.arrays import Array, Column
 from beltcomm.axis import Axis
 from beltcomm.borders import for_file_name
 from beltcomm.configfiles import without_halves
@@ -105,7 +105,7 @@ def imported(path: Path, name: str, reading: Reading, sidecar: Sidecar, axis: Ax
     return Imported(path, part.sha256, recording, converted, (*converted.notes, *checked.notes, *odd), doubts, part.table.scalars)
 
 
-def _turns(edges: EdgeTimes, axis: Axis) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
+def _turns(edges: EdgeTimes, axis: Axis) -> Callable[[Array], Array]:
     """Turns of the motor at given times."""
     axis.require("a position from encoder edges", "motor.encoder_counts_per_rev")
     counts = float(axis.motor.encoder_counts_per_rev or 1)
@@ -298,5 +298,5 @@ def _part(parts: Sequence[Part], number: int | None) -> Part:
     return found[0]
 
 
-def _same(before: NDArray[Any], after: NDArray[Any]) -> bool:
+def _same(before: Column, after: Column) -> bool:
     return np.array_equal(before, after, equal_nan=before.dtype.kind == "f" and after.dtype.kind == "f")

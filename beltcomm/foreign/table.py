@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from pathlib import Path
+from typing import Literal
 
-from numpy.typing import NDArray
-
+from beltcomm.arrays import Column
 from beltcomm.configfiles import did_you_mean
+from beltcomm.errors import DataError
 from beltcomm.quantities import UNITS
 
-Column = NDArray[Any]
 Separator = Literal["comma", "semicolon", "tab", "bar", "space"]
 Decimal = Literal["point", "comma"]
 
@@ -89,3 +90,14 @@ def _unit_in(name: str) -> re.Match[str] | None:
 def words_of(error: BaseException) -> str:
     """The first line of what a library said."""
     return (str(error).splitlines() or [type(error).__name__])[0][:100]
+
+
+@contextmanager
+def damage_as_data_error(path: Path, what: str) -> Iterator[None]:
+    """Whatever a reader stumbles over on damaged bytes becomes a DataError; ``what`` the file should be."""
+    try:
+        yield
+    except (DataError, MemoryError):
+        raise
+    except Exception as error:
+        raise DataError(f"{path} cannot be read as {what} ({words_of(error)}); is it cut off?") from error

@@ -17,11 +17,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from beltcomm.arrays import Column
 from beltcomm.errors import DataError
 from beltcomm.foreign.heading import Heading, OtherLength, RowShape, TextLine, heading_of
 from beltcomm.foreign.longtable import unstacked
 from beltcomm.foreign.ownclocks import with_own_clocks
-from beltcomm.foreign.table import Column, Decimal, Separator, Table
+from beltcomm.foreign.table import Decimal, Separator, Table
 from beltcomm.foreign.textformat import MISSING, Format, plain_numbers, recognised, wide_encoding
 from beltcomm.outside import blocks, check_count, text_blocks, unreadable
 

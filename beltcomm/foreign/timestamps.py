@@ -5,15 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Column, IntArray
 from beltcomm.errors import DataError
 from beltcomm.recording import LONGEST_STEP_S
 
-Column = NDArray[Any]
 #: A date in any order, a time of day; either alone.
 _STAMP = re.compile(
     r"(?:(\d{1,4})[-./](\d{1,2})[-./](\d{1,4})\.?)?[T ,]*"
@@ -68,7 +67,7 @@ def _of_day(part: Sequence[str | None]) -> int:
     return (hour * 3600 + minute * 60 + second) * 10**9 + int(fraction[:9].ljust(9, "0"))
 
 
-def _days(parts: Sequence[Sequence[str | None]]) -> tuple[NDArray[np.int64] | None, tuple[str, ...]]:
+def _days(parts: Sequence[Sequence[str | None]]) -> tuple[IntArray | None, tuple[str, ...]]:
     """Numbers of the days, None for times of day alone, and a sentence where the order of day and month had to be chosen."""
     texts = [part[:3] for part in parts]
     if any(text[0] is None for text in texts):

@@ -10,11 +10,10 @@ from scipy.special import ndtri, stdtrit
 
 from beltcomm.arrays import Array
 from beltcomm.errors import DataError
+from beltcomm.model.value import NORMAL_95
 
 #: Runs from which on their scatter can be told from a course.
 FEWEST = 3
-#: Half of a 95 % interval over a standard deviation.
-NORMAL = 1.96
 
 
 @dataclass(frozen=True)
@@ -108,7 +107,7 @@ def course_of(t_s: Array, values: Array, intervals: Array, looked_at: int = 1) -
     if len(values) < FEWEST or float(np.ptp(t_s)) <= 0.0:
         raise DataError(f"a course needs {FEWEST} runs at different times; there are {len(values)}")
     known = bool(np.all(np.isfinite(intervals)) and np.all(intervals > 0.0))
-    weights = (NORMAL / intervals) ** 2 if known else np.ones(len(values))
+    weights = (NORMAL_95 / intervals) ** 2 if known else np.ones(len(values))
     middle = float(np.sum(weights * t_s) / np.sum(weights))
     u = t_s - middle
     spread = float(np.sum(weights * u**2))

@@ -17,12 +17,14 @@ from beltcomm.effects.belt_spans import stiffness as stiffness_at
 from beltcomm.errors import DataError
 from beltcomm.fit.model_fit import SUSPECT_MISFIT, ModelFit, fit_model
 from beltcomm.fit.residual.encoder_jumps import proven_jumps, refuse
-from beltcomm.fit.residual.segment import OUTLIER, Segment, segments, whitened_residual
+from beltcomm.fit.residual.segment import Segment, segments
+from beltcomm.fit.residual.whitened import OUTLIER, whitened_residual
 from beltcomm.fit.start.first_estimate import NEEDED
 from beltcomm.fit.start.model import belt_start, correct_by_slow_motion, data_sheet
 from beltcomm.fit.torque.acting_torque import acting_recording
 from beltcomm.fit.torque.path import FAITHFUL, TorquePath
 from beltcomm.fit.undersampled_fit import fit_seldom
+from beltcomm.identify.sweeps import steady_passes
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 
@@ -109,7 +111,8 @@ def final_model(
         fit = fit_model(recordings, start, counts_per_rev=counts_per_rev, sheet=data_sheet(axis, recordings), progress=progress)
         refuse_jumps(recordings, fit, counts_per_rev)
         return FinalModel(fit, None, RIGID)
-    if (seldom := fit_seldom(recordings, start, counts_per_rev=counts_per_rev)) is not None and not seldom.suspect:
+    seldom = fit_seldom(recordings, start, counts_per_rev=counts_per_rev, passes=steady_passes(recordings, start))
+    if seldom is not None and not seldom.suspect:
         progress(1.0)
         return FinalModel(seldom, None, ONE_PLACE)
     share = 0.5 if apart else 1.0

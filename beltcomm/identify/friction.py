@@ -27,6 +27,17 @@ LARGEST_SPEED_ERROR = 0.1
 ONE_WAY_SHARE = 0.25
 
 
+#: m/s: slowest speed of a friction sweep.
+SWEEP_SLOWEST_M_S = 0.01
+#: Share of the slowest speed that is still fitted, so that rounding does not leave it out.
+JUST_BELOW = 0.99
+
+
+def slowest_fitted_rad_s(ratio_m_rad: float) -> float:
+    """Sweeps below this are shown and not fitted, rad/s at the motor: the Stribeck effect acts there (3.6)."""
+    return JUST_BELOW * SWEEP_SLOWEST_M_S / ratio_m_rad
+
+
 @dataclass(frozen=True)
 class Plateau:
     """One pass at constant reference velocity, run-in discarded, motor side.

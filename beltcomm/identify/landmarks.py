@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from itertools import combinations_with_replacement
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.special import stdtrit
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, ComplexArray
 from beltcomm.errors import DataError
 from beltcomm.model import Model
 from beltcomm.model.linear import Matrices, matrices, operating_point
@@ -67,7 +66,7 @@ class Pair:
         """|log(f_r/f_z)|: what the pair changes of the response."""
         return abs(math.log(self.resonance_hz / self.antiresonance_hz))
 
-    def response(self, freq_hz: Array) -> NDArray[np.complex128]:
+    def response(self, freq_hz: Array) -> ComplexArray:
         """The pair's factor of the motor's response: (f_z² - f² + 2j ζ_z f_z f)/(f_r² - f² + 2j ζ_r f_r f).
 
         Parameters
@@ -193,7 +192,7 @@ def find_landmarks(response: FrequencyResponse, expected: Pair, beside: Sequence
         h = h / pair.response(freq)
     middle = math.sqrt(freq[0] * freq[-1])
 
-    def flexible(x: Array) -> NDArray[np.complex128]:
+    def flexible(x: Array) -> ComplexArray:
         (f_z, f_r), (d_z, d_r) = np.exp(x[:2]), x[2:4]
         return np.asarray((f_z**2 - freq**2 + 2j * d_z * f_z * freq) / (f_r**2 - freq**2 + 2j * d_r * f_r * freq))
 

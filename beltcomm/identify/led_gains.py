@@ -18,6 +18,7 @@ from scipy.interpolate import CubicSpline
 
 from beltcomm.arrays import Array
 from beltcomm.control import Cascade, CascadeStructure
+from beltcomm.model.value import NORMAL_95
 from beltcomm.recording import Recording
 
 #: Half interval, relative, above which a move tells nothing of the gains; and how far they may be off what was measured before.
@@ -125,8 +126,8 @@ def gain_factors(
     found = GainFactors(
         float(kp / cascade.kp_nm_s_rad),
         float(kpp / cascade.kpp_1_s),
-        float(1.96 * math.sqrt(spread[1, 1]) / cascade.kp_nm_s_rad),
-        float(1.96 * math.sqrt(gradient @ spread @ gradient) / cascade.kpp_1_s),
+        float(NORMAL_95 * math.sqrt(spread[1, 1]) / cascade.kp_nm_s_rad),
+        float(NORMAL_95 * math.sqrt(gradient @ spread @ gradient) / cascade.kpp_1_s),
     )
     known = max(found.kp_interval, found.kpp_interval) < KNOWN_TO
     return found if known and max(abs(found.kp - 1.0), abs(found.kpp - 1.0)) < BELIEVED + unsure else None

@@ -16,10 +16,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, BoolArray
 from beltcomm.errors import DataError
 
 #: Samples from a setpoint to the torque that answers it, at most.
@@ -50,17 +49,10 @@ class Gain:
 
 @dataclass(frozen=True)
 class VelocityLaw:
-    """K_P, N m s/rad, and T_n = K_P/K_I, s, of a velocity loop.
-
-    Attributes
-    ----------
-    samples_late : int
-        From the setpoint to the torque that answers it.
-    """
+    """K_P, N m s/rad, and T_n = K_P/K_I, s, of a velocity loop."""
 
     gain: Gain
     integral_time_s: Gain
-    samples_late: int
 
 
 @dataclass(frozen=True)
@@ -126,7 +118,6 @@ def velocity_law(steps: Steps) -> VelocityLaw:
     return VelocityLaw(
         Gain(gain.value, math.hypot(gain.interval, gain.value * unseen)),
         Gain(time.value, math.hypot(time.interval, time.value * unseen)),
-        late,
     )
 
 
@@ -186,7 +177,7 @@ def _later(values: Array, samples: int) -> Array:
     return np.concatenate([np.full(samples, values[0]), values[: len(values) - samples]])
 
 
-def _steady(steps: Steps, late: int) -> NDArray[np.bool_]:
+def _steady(steps: Steps, late: int) -> BoolArray:
     """Rows in which a setpoint so late has not just changed."""
     changed = np.flatnonzero(np.diff(_later(steps.setpoint, late), prepend=steps.setpoint[0]))
     steady = np.ones(len(steps.setpoint), dtype=bool)
@@ -195,7 +186,7 @@ def _steady(steps: Steps, late: int) -> NDArray[np.bool_]:
     return steady
 
 
-def _fit(steps: Steps, regressors: list[Array], answered: Array, rows: NDArray[np.bool_]) -> tuple[Array, float]:
+def _fit(steps: Steps, regressors: list[Array], answered: Array, rows: BoolArray) -> tuple[Array, float]:
     """Coefficients of every repeat, (repeats, n), and what they leave, rms."""
     table = np.stack([*regressors, np.ones(len(answered))], axis=1)
     each, rests = [], []

@@ -14,6 +14,7 @@ from beltcomm.arrays import Array, ComplexArray
 from beltcomm.control import Cascade
 from beltcomm.drive.parameters import cascade_to_parameters, parameters_to_cascade
 from beltcomm.errors import DataError, UsageError
+from beltcomm.model.value import NORMAL_95
 from beltcomm.recording import Recording
 from beltcomm.response import FrequencyResponse, estimate_response
 from beltcomm.response.closed_loop import Loop, feedback, from_setpoint_excitation, from_torque_excitation, setpoint_path
@@ -316,4 +317,4 @@ def difference_db(one: FrequencyResponse, other: FrequencyResponse, low_hz: floa
     off = 20.0 * np.log10(np.abs(one.h[here][band] / other.h[there][band]))
     shares = [(found.noise[at] / np.abs(found.h[at]))[band] for found, at in ((one, here), (other, there))]
     variance = np.sum((20.0 / math.log(10.0)) ** 2 * (shares[0] ** 2 + shares[1] ** 2) / 2.0)
-    return float(np.mean(off)), 1.96 * math.sqrt(float(variance)) / int(band.sum())
+    return float(np.mean(off)), NORMAL_95 * math.sqrt(float(variance)) / int(band.sum())

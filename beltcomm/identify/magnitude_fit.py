@@ -11,11 +11,10 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares, minimize
 from scipy.special import stdtrit
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, BoolArray, ComplexArray
 from beltcomm.errors import DataError, UsageError
 from beltcomm.model.transfer import TwoMass
 from beltcomm.model.value import Value
@@ -96,7 +95,7 @@ class MagnitudeFit:
         return TwoMass(**values, belt_damping_n_s_m=0.0, transmission_m_rad=self.transmission_m_rad)
 
 
-def product_form(freq_hz: Array, theta: Mapping[str, Array | float], transmission_m_rad: float) -> NDArray[np.complex128]:
+def product_form(freq_hz: Array, theta: Mapping[str, Array | float], transmission_m_rad: float) -> ComplexArray:
     """Torque to motor angle (2.42), rad/(N m), for any number of parameter sets at once.
 
     G = 1/(s² (Θ_e + i_t² m_c) + s i_t² (d_m + d_c)) · (m_c s² + d_c s + c)/(μ s² + δ s + c)
@@ -241,7 +240,7 @@ class _Problem:
     def _inside(self, q: Array) -> Array:
         return np.asarray(self.low + (self.high - self.low) * 0.5 * (1.0 + np.sin(q)), dtype=np.float64)
 
-    def uncertainty(self, x: Array, residual: Array) -> tuple[Array, NDArray[np.bool_], Array]:
+    def uncertainty(self, x: Array, residual: Array) -> tuple[Array, BoolArray, Array]:
         """Half widths of the 95 % intervals in SI, which parameters are at a bound, and correlations.
 
         The others' intervals hold with those at a bound kept there.
@@ -289,7 +288,7 @@ def _combined_coefficients(theta: Mapping[str, Array | float], transmission_m_ra
     return total, i2 * (d_m + d_c), inertia * m_c / total, (i2 * m_c * d_m + inertia * d_c) / total
 
 
-def _decibel(h: NDArray[np.complex128]) -> Array:
+def _decibel(h: ComplexArray) -> Array:
     return np.asarray(20.0 * np.log10(np.abs(h)), dtype=np.float64)
 
 
@@ -368,7 +367,7 @@ def _start_values(freq_hz: Array, measured_db: Array, transmission_m_rad: float,
     return starts
 
 
-def _remarks(fit: MagnitudeFit, at_bound: NDArray[np.bool_], converged: bool) -> tuple[str, ...]:
+def _remarks(fit: MagnitudeFit, at_bound: BoolArray, converged: bool) -> tuple[str, ...]:
     """Bias, convergence, misfit, bounds and what cannot be determined, in words."""
     remarks = [FRICTION_BIAS]
     lowest_hz, highest_hz = float(fit.freq_hz[0]), float(fit.freq_hz[-1])

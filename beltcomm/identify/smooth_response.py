@@ -16,13 +16,13 @@ from beltcomm.arrays import Array
 from beltcomm.errors import Refused, UsageError
 from beltcomm.model import Model
 from beltcomm.model.linear import Oscillation, operating_point, sampled_response
+from beltcomm.model.value import NORMAL_95
 from beltcomm.recording import Recording
 
 #: Amplitude of the speed of the sine over the rms of the random one.
 SINE = 4.0 / math.pi * math.sqrt(math.pi / 2.0)
 #: Draws of the parameters, and points of the curve.
 DRAWS, POINTS = 60, 160
-NORMAL_QUANTILE = 1.96
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def smooth_response(model: Model, recording: Recording, place_m: float, low_hz: 
     known = {name: value for name, value in model.parameters.items() if value.interval}
     for _ in range(DRAWS if known else 0):
         values = {
-            name: float(np.clip(v.value + v.interval / NORMAL_QUANTILE * random.standard_normal(), v.low, v.high))
+            name: float(np.clip(v.value + v.interval / NORMAL_95 * random.standard_normal(), v.low, v.high))
             for name, v in known.items()
             if v.interval
         }

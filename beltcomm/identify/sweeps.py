@@ -15,10 +15,13 @@ import numpy as np
 from scipy.special import stdtrit
 
 from beltcomm.errors import DataError
-from beltcomm.identify.friction import FrictionFit, Plateau, find_plateaus, fit_friction
-from beltcomm.model.value import Value
+from beltcomm.fit.start.undersampled import SteadyPasses
+from beltcomm.identify.friction import FrictionFit, Plateau, find_plateaus, fit_friction, slowest_fitted_rad_s
+from beltcomm.model import Model
+from beltcomm.model.value import NORMAL_95, Value
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar
+from beltcomm.simulate.stopping import total_inertia
 
 #: Key of a sidecar that says which sweep a record belongs to.
 KEY = "sweep"
@@ -31,8 +34,6 @@ FEWEST_SPEEDS = 3
 SAME_SPEED = 2e-3
 #: Residual degrees of freedom that a drift needs.
 FEWEST_LEFT = 4
-#: Half a 95 % interval over the standard deviation, of many samples.
-NORMAL = 1.96
 
 
 @dataclass(frozen=True)
@@ -103,8 +104,6 @@ class Drift:
         What is left of passes at one speed, N m.
     speeds : int
         Driven at least twice, either way counted alone.
-    passes : int
-        At them.
     """
 
     viscous: Value
@@ -112,7 +111,6 @@ class Drift:
     minutes: float
     rms_nm: float
     speeds: int
-    passes: int
 
 
 @dataclass(frozen=True)
@@ -205,6 +203,28 @@ def sweeps_of(recordings: Sequence[Recording], slowest_rad_s: float = 0.0, inert
             parts.setdefault(key, []).append(recording)
     found = [_sweep(records, slowest_rad_s, inertia_kg_m2) for records in parts.values()]
     return tuple(sorted((s for s in found if s.plateaus), key=lambda s: (s.note.measurement, s.from_s or 0.0, s.records)))
+
+
+def steady_passes(recordings: Sequence[Recording], model: Model) -> SteadyPasses:
+    """Passes of all sweeps that are fitted, fast enough for viscous and Coulomb friction.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Of a run.
+    model : Model
+        Whose inertia is taken off passes that miss their speed.
+
+    Returns
+    -------
+    SteadyPasses
+        In the order of the records.
+    """
+    inertia, slowest = total_inertia(model), slowest_fitted_rad_s(model["transmission.ratio"])
+    sweeps = (r for r in recordings if r.sidecar.experiment == "friction_sweep" and not r.sidecar.held_out)
+    passes = [p for r in sweeps if r.reference_velocity is not None for p in plateaus_of(r, inertia)]
+    rows = [(p.speed_rad_s, p.torque_nm, p.error_nm) for p in passes if abs(p.speed_rad_s) > slowest]
+    return SteadyPasses(*np.array(rows).reshape(-1, 3).T)
 
 
 def plateaus_of(recording: Recording, inertia_kg_m2: float) -> tuple[Plateau, ...]:
@@ -326,7 +346,6 @@ def drift_of(plateaus: Sequence[Plateau]) -> Drift:
         float(np.ptp(minutes)),
         float(np.sqrt(np.sum(rest**2) / left)),
         k,
-        len(passes),
     )
 
 
@@ -369,11 +388,11 @@ def load_dependence(groups: Mapping[str, tuple[float, Sequence[FrictionFit]]]) -
     slopes, means = {}, {}
     for name in ("viscous", "coulomb"):
         values = [np.array([getattr(fit, name).value for fit in fits]) for _, fits in groups.values()]
-        within = [np.mean([(getattr(fit, name).interval / NORMAL) ** 2 for fit in fits]) for _, fits in groups.values()]
+        within = [np.mean([(getattr(fit, name).interval / NORMAL_95) ** 2 for fit in fits]) for _, fits in groups.values()]
         between = sum(float(np.sum((v - v.mean()) ** 2)) for v in values) / repeats if repeats else 0.0
         variance = np.maximum(np.array(within), between) / counts
         mean = np.array([v.mean() for v in values])
-        quantile = float(stdtrit(repeats, 0.975)) if repeats else NORMAL
+        quantile = float(stdtrit(repeats, 0.975)) if repeats else NORMAL_95
         regressor = np.column_stack([np.ones(len(loads)), loads])
         covariance = np.linalg.inv(regressor.T @ (regressor / variance[:, None]))
         estimate = covariance @ (regressor.T @ (mean / variance))

@@ -17,7 +17,8 @@ from beltcomm.axis import Axis
 from beltcomm.effects.belt_spans import stiffness as stiffness_at
 from beltcomm.errors import DataError, Refused
 from beltcomm.fit.model_fit import SUSPECT_MISFIT, ModelFit, fit_model
-from beltcomm.fit.residual.segment import segments, whitened_residual
+from beltcomm.fit.residual.segment import segments
+from beltcomm.fit.residual.whitened import whitened_residual
 from beltcomm.identify.final import FinalModel, PlaceStiffness, by_position, evidence, final_model
 from beltcomm.model import Model, build_model
 from beltcomm.model.linear import modes, operating_point

@@ -20,20 +20,19 @@ from beltcomm.fit.uncertainty.intervals import with_intervals
 from beltcomm.given import Place, pasted, place, word
 from beltcomm.jobs.rungs import base_revision, change_of, revision_of
 from beltcomm.laboratory.acceptance import drop_by
-from beltcomm.laboratory.compare import compare
-from beltcomm.laboratory.coupled_bodies import COUPLING, SECTIONS, with_coupling, with_sections
+from beltcomm.laboratory.compare import compare, of_run
+from beltcomm.laboratory.coupled_bodies import COUPLING, SECTIONS, add_coupling, with_sections
 from beltcomm.laboratory.diagnosis import final_refit
-from beltcomm.laboratory.forward_selection import MISSING, with_effect
-from beltcomm.laboratory.gap_evidence import is_replaceable_gap
+from beltcomm.laboratory.gaps import is_replaceable_gap
 from beltcomm.laboratory.law_shape import assign_body, fit_law_shapes, fixed_forms
-from beltcomm.laboratory.plain_error import of_run
 from beltcomm.laboratory.score import ground_of
+from beltcomm.laboratory.selection import MISSING, with_effect
 from beltcomm.model import Model
 from beltcomm.pages import pictures as drawn
 from beltcomm.result import Result
 from beltcomm.rundata.cost import cost_and_words
 from beltcomm.rundata.fitted_run import Opened, open_fitted
-from beltcomm.rundata.kept_fit import fit_base
+from beltcomm.rundata.kept import fit_base
 from beltcomm.rundata.revisions import Revision, changed_recordings, current_revision, keep_cost, model_named, recording_hashes, revisions
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import ladder as words
@@ -242,7 +241,7 @@ def fit_with(here: Opened, effect: str, start: Mapping[str, float] | None) -> tu
     start : mapping of str to float, or None
         Own parameters of the effect by bare name, from which the fit begins; None lets it search.
     """
-    if effect == COUPLING.name and not start and (found := with_coupling(here.data, here.fitted, here.folder.axis)) is not None:
+    if effect == COUPLING.name and not start and (found := add_coupling(here.data, here.fitted, here.folder.axis)) is not None:
         return found
     if effect == SECTIONS and not start and (sections := with_sections(here.data, here.fitted)) is not None:
         return refit_with_rebuilt_motion(here.data, sections, NEXT_ITERATIONS)

@@ -24,7 +24,7 @@ from beltcomm.rundata.design_proof import grounds_of, prove
 from beltcomm.rundata.findings import Findings
 from beltcomm.rundata.fitted_run import records_of
 from beltcomm.rundata.headline import OF, hashes_of, headline_of, next_command
-from beltcomm.rundata.kept_fit import kept_path
+from beltcomm.rundata.kept import kept_path
 from beltcomm.rundata.proof import SUSPECT, doubts, error_of, same_gains, suspect, thin_margins
 from beltcomm.rundata.revisions import current_revision, unfitted
 from beltcomm.rundata.store import saved_design

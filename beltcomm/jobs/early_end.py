@@ -18,7 +18,7 @@ from beltcomm.given import pasted
 from beltcomm.machine.machine import Machine
 from beltcomm.result import Result, with_unit
 from beltcomm.rundata.findings import Findings
-from beltcomm.rundata.kept_fit import hashes
+from beltcomm.rundata.kept import hashes
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import outcome
 from beltcomm.talk import Silence, Talk

@@ -1,23 +1,33 @@
-"""The search for effects that are missing in the present model of a run."""
+"""The search for effects that are missing in the present model of a run.
+
+What a search compiles last it compiles while it waits for what another process compiles (``simulate.kernels.ahead``).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
+
+from beltcomm.effects import EFFECTS
 from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory.diagnosis import MOST_EFFECTS, Diagnosis, diagnose
-from beltcomm.laboratory.forward_selection import MISSING
-from beltcomm.laboratory.precompile import last_compiled
 from beltcomm.laboratory.run_checks import Checked
 from beltcomm.laboratory.scope import restrict_to_scope
+from beltcomm.laboratory.score import gain_kernel, load_kernel
+from beltcomm.laboratory.selection import MISSING
 from beltcomm.recording import Recording
 from beltcomm.rundata.fitted_run import explainable, foretell, records_of, with_remarks_on_loads
-from beltcomm.rundata.kept_fit import fit_base
+from beltcomm.rundata.kept import fit_base
 from beltcomm.rundata.revisions import current_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import ladder as words
 from beltcomm.sentences.torque_path import period_of
 from beltcomm.simulate.kernels import ahead
+from beltcomm.simulate.kernels.compose import inverse_kernel
+from beltcomm.simulate.kernels.observer import idle
+from beltcomm.simulate.kernels.writer import catalogue_parameters
+from beltcomm.simulate.lock_step import Lane, lock_step
 from beltcomm.talk import Talk, detail
 
 #: Share of a row by which a dead time may differ from one, and still be one.
@@ -76,3 +86,21 @@ def staged(talk: Talk) -> Callable[[int, float], None]:
         talk.progress(fraction, None)
 
     return progress
+
+
+def last_compiled() -> list[Callable[[], object]]:
+    """Calls on next to nothing, with the types of every other call, in the order in which a search makes them."""
+    a, b, c, d, out, torque = np.zeros((6, 3))
+    torque.flags.writeable = False  # as a recorded one
+    means, p, on = np.zeros((2, 1)), np.ones(len(catalogue_parameters())), np.zeros(len(EFFECTS), dtype=np.bool_)
+    kernel, delays = inverse_kernel(), [e.law for e in EFFECTS if e.slot == "torque_delay" and e.law is not None]
+    readings = [e.law for e in EFFECTS if e.slot == "torque_reading" and e.law is not None]
+    return [
+        lambda: load_kernel(a, b, c, d, 2, means),
+        lambda: gain_kernel(a, b, c, d, torque, 2, means),
+        lambda: kernel.torque(a[:2], b, p, on, 0.0, 1.0, out),
+        *(lambda law=law: law(a, 1.0, 1.0) for law in delays),
+        *(lambda law=law: law(a, 0.0, 1.0, 1.0) for law in readings),
+        lambda: kernel.angle(a, b, p, on),
+        lambda: lock_step([Lane(np.zeros(1), np.zeros(1), 0.0, 0.0, 1.0, p, idle())], on, 1.0),
+    ]

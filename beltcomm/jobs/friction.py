@@ -11,9 +11,9 @@ from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
 from beltcomm.errors import DataError, Refused
 from beltcomm.experiments import phases
-from beltcomm.experiments.bounds import Experiment, course_before, peak_torque_nm, stroking_nm
+from beltcomm.experiments.bounds import Experiment, course_before, gentle_force_n, peak_torque_nm, stroking_nm
 from beltcomm.experiments.commission import measure_friction
-from beltcomm.experiments.plan import MOVE_SECONDS, Plan, friction_plan, gentle_force_n
+from beltcomm.experiments.plan import MOVE_SECONDS, Plan, friction_plan
 from beltcomm.experiments.sign import sign_words
 from beltcomm.given import pasted
 from beltcomm.identify.magnitude_fit import MagnitudeFit

@@ -7,7 +7,7 @@ from typing import Any
 
 from beltcomm.errors import DataError, UsageError
 from beltcomm.given import Place, pasted, places
-from beltcomm.identify.friction import FrictionFit, fit_friction
+from beltcomm.identify.friction import FrictionFit, fit_friction, slowest_fitted_rad_s
 from beltcomm.identify.sweeps import Drift, LoadDependence, Sweep, load_dependence
 from beltcomm.model import Model
 from beltcomm.pages import pictures as drawing
@@ -16,9 +16,8 @@ from beltcomm.rundata import offline
 from beltcomm.rundata.delays import measure_delay_and_damping
 from beltcomm.rundata.findings import Findings
 from beltcomm.rundata.friction_study import FrictionStudy, data_of, study_of
-from beltcomm.rundata.kept_fit import kept_path
+from beltcomm.rundata.kept import kept_path
 from beltcomm.runfolder import RunFolder
-from beltcomm.schedule.strokes import slowest_fitted_rad_s
 from beltcomm.sentences import friction, words
 from beltcomm.sentences.own_words import own_words
 from beltcomm.talk import Silence, Talk

@@ -1,4 +1,7 @@
-"""The laboratory's commands that read a run folder: compare, diagnose, ladder.  No machine needed."""
+"""The laboratory's commands that read a run folder: compare, diagnose, ladder.  No machine needed.
+
+Effects that the data tell apart badly, although each has evidence of its own (two delays, lines beside a ripple), are named as such.
+"""
 
 from __future__ import annotations
 
@@ -12,19 +15,15 @@ from beltcomm.errors import UsageError
 from beltcomm.experiments.redundant_steps import Before, record_showing
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.noise.level import noise_doubt
-from beltcomm.fit.torque.acting_torque import acting_recordings
-from beltcomm.fit.torque.stated_reading import stated_remarks
-from beltcomm.fit.uncertainty.intervals import with_intervals
+from beltcomm.fit.torque.acting_torque import acting_recordings, stated_remarks
+from beltcomm.fit.uncertainty.intervals import parameter_spread, with_intervals
 from beltcomm.given import Place, pasted, place
-from beltcomm.jobs.confounded_effects import find_confounded
 from beltcomm.jobs.effect_search import search_of
 from beltcomm.jobs.rungs import base_revision, change_of, plain_of, revision_of
-from beltcomm.laboratory.acceptance import is_confirmed
-from beltcomm.laboratory.compare import Comparison, compare, landmarks, worst
+from beltcomm.laboratory.acceptance import DELAYS, is_confirmed, undetermined_effects
+from beltcomm.laboratory.compare import Comparison, compare, landmarks, unexplained_words, worst
 from beltcomm.laboratory.diagnosis import Diagnosis, Stage
 from beltcomm.laboratory.place_words import in_words
-from beltcomm.laboratory.plain_error import unexplained_words
-from beltcomm.laboratory.plausibility import undetermined_effects
 from beltcomm.laboratory.scope import missing_records, not_named
 from beltcomm.laboratory.score import ground_of
 from beltcomm.laboratory.visible import detection_limits
@@ -35,8 +34,7 @@ from beltcomm.rundata.cost import cost_and_words, with_costs
 from beltcomm.rundata.fitted_run import explainable, open_fitted
 from beltcomm.rundata.headline import EXPLAINED, NextCommand, headline_of
 from beltcomm.rundata.headline import next_command as best_step
-from beltcomm.rundata.kept_fit import KEY
-from beltcomm.rundata.kept_result import kept_or_new
+from beltcomm.rundata.kept import KEY, kept_or_new
 from beltcomm.rundata.revisions import (
     Revision,
     as_mapping,
@@ -356,3 +354,73 @@ def ratios(comparison: Comparison) -> dict[str, Any]:
         "ratio": {"overall": comparison.ratio, "held_out": comparison.held_out},
         "plain": {"overall": plain(comparison.plain), "held_out": plain(comparison.plain_held_out)},
     }
+
+
+#: Share of a lag up to which a dead time beside it may be the lag's own second pole.
+SECOND_POLE = 0.25
+#: Periods per turn by which a line may lie beside a ripple whose amplitude changes once per turn, and room for rounding.
+BESIDE, ROUNDED = 1.0, 0.05
+#: A size that changes by all of itself writes lines of half of it.
+MOST = 0.5
+
+
+@dataclass(frozen=True)
+class ConfoundedEffects:
+    """effects : which.   parameter : what of them is known together, "" where nothing is summed.   value, interval : in ``unit``.
+    text : a sentence.
+    """
+
+    effects: tuple[str, ...]
+    parameter: str
+    value: float | None
+    interval: float | None
+    unit: str
+    text: str
+
+
+def find_confounded(fitted: Fitted, named: Sequence[str]) -> list[ConfoundedEffects]:
+    """All that is to be said of effects that were named side by side."""
+    return [*delays_of(fitted, named), *ripples_of(fitted, named)]
+
+
+def delays_of(fitted: Fitted, named: Sequence[str]) -> list[ConfoundedEffects]:
+    """Two or three delays of which one at least was named: their sum."""
+    model = fitted.model
+    present = [name for name in DELAYS if f"{name}.time" in fitted.problem.free]
+    if len(present) < 2 or not set(present) & set(named):
+        return []
+    value = sum(model[f"{name}.time"] for name in present)
+    width = parameter_spread(fitted).half_width({f"{name}.time": 1.0 for name in present})
+    known = f"{1e6 * value:.0f}" + ("" if width is None else f" ± {1e6 * width:.0f}")
+    alone = " and ".join(f"{name} ({1e6 * model[f'{name}.time']:.0f} us)" for name in present)
+    text = f"The sum of the delays is known to be {known} us; each alone is not, whatever its interval says: {alone}."
+    lag = max((name for name in present if name != "dead_time"), key=lambda name: model[f"{name}.time"])
+    if "dead_time" in present and 0.0 < model["dead_time.time"] < SECOND_POLE * model[f"{lag}.time"]:
+        text += f" A dead time as short as this may be a second pole of the {lag}, and no cause of its own."
+    return [ConfoundedEffects(tuple(present), "time", value, width, "s", text)]
+
+
+def ripples_of(fitted: Fitted, named: Sequence[str]) -> list[ConfoundedEffects]:
+    """A line of the motor one period per turn beside the ripple of the teeth, and weaker: the teeth's own, where pulley or belt wobble."""
+    model = fitted.model
+    if "tooth_ripple" not in model.effects:
+        return []
+    teeth, mesh = model["tooth_ripple.teeth"], amplitude(fitted, "tooth_ripple")
+    found = []
+    for name in named:
+        if not name.startswith("cogging"):
+            continue
+        beside = abs(model[f"{name}.order"] - teeth)
+        if amplitude(fitted, name) < MOST * mesh and abs(beside - BESIDE) < ROUNDED:
+            text = (
+                f"{name} of order {model[f'{name}.order']:g} lies one period per turn beside the {teeth:g} teeth: that is what a tooth "
+                "ripple writes whose size changes once per turn (pulley out of true). It may be part of the tooth_ripple and no cause of "
+                "its own."
+            )
+            found.append(ConfoundedEffects((name, "tooth_ripple"), "", None, None, "", text))
+    return found
+
+
+def amplitude(fitted: Fitted, name: str) -> float:
+    """Of a ripple, N m."""
+    return float((fitted.model[f"{name}.sine"] ** 2 + fitted.model[f"{name}.cosine"] ** 2) ** 0.5)

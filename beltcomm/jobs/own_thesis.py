@@ -34,7 +34,7 @@ from beltcomm.model import Model
 from beltcomm.result import Result, plain
 from beltcomm.rundata import offline
 from beltcomm.rundata.offline import estimator_settings, structure_of
-from beltcomm.rundata.run_move import move_of
+from beltcomm.rundata.proof import move_of
 from beltcomm.rundata.store import saved_design
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.own_words import own_words

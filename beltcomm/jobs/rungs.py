@@ -10,10 +10,10 @@ from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.records import Data
 from beltcomm.fit.uncertainty.intervals import with_intervals
 from beltcomm.laboratory.acceptance import is_confirmed
+from beltcomm.laboratory.compare import of_run
 from beltcomm.laboratory.diagnosis import Diagnosis
 from beltcomm.laboratory.figures import PlainError
-from beltcomm.laboratory.plain_error import of_run
-from beltcomm.rundata.kept_fit import keep_fit
+from beltcomm.rundata.kept import keep_fit
 from beltcomm.rundata.revisions import Revision, current_revision, new_revision, not_contradicted, revisions
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.diagnosis_data import Plain

@@ -15,7 +15,7 @@ from beltcomm.identify.three_mass_magnitude import ThreeMassMagnitude, fit_magni
 from beltcomm.model import Model
 from beltcomm.result import Result, plain, table
 from beltcomm.rundata import analyse, offline
-from beltcomm.rundata.kept_fit import kept_path
+from beltcomm.rundata.kept import kept_path
 from beltcomm.rundata.revisions import new_revision
 from beltcomm.rundata.store import fit_to_dict
 from beltcomm.runfolder import RunFolder

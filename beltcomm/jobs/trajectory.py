@@ -16,8 +16,7 @@ from beltcomm.given import Place, may_write, number, pasted, place
 from beltcomm.recording.signalfile import write_columns
 from beltcomm.result import Result, plain
 from beltcomm.rundata import offline
-from beltcomm.rundata.led_gains import as_in_drive
-from beltcomm.rundata.store import saved_design, structure_from_dict
+from beltcomm.rundata.store import as_in_drive, saved_design, structure_from_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.own_words import own_words
 from beltcomm.talk import Silence, Talk

@@ -23,7 +23,7 @@ from beltcomm.recording import Recording, Sidecar, recording_from_columns
 from beltcomm.result import Line, Result
 from beltcomm.rundata import offline
 from beltcomm.rundata.fitted_run import explainable, open_fitted
-from beltcomm.rundata.run_move import limits_of
+from beltcomm.rundata.proof import limits_of
 from beltcomm.rundata.store import saved_design
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import watch as words
@@ -32,13 +32,12 @@ from beltcomm.talk import Silence, Talk
 from beltcomm.trajectory import plan_trajectory, with_dwell
 from beltcomm.verify import REST_S
 from beltcomm.watching import store
-from beltcomm.watching.bus_stream import BusStream
 from beltcomm.watching.drift import AxisDrift
 from beltcomm.watching.estimates import ERROR, POOL, MoveEstimate, Standing
-from beltcomm.watching.growing_log import GrowingLog
 from beltcomm.watching.judge import Judge, JudgedMove
 from beltcomm.watching.limits import LIMITS, limits_given
 from beltcomm.watching.moves import StreamPart, moves_in
+from beltcomm.watching.streams import BusStream, GrowingLog
 
 #: s between two looks at a log, and for which a bus is listened to at a time.
 LOOK_S = 0.5

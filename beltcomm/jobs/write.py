@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from beltcomm.drive import Drive
-from beltcomm.drive.objects import COMMUNICATION, ObjectValue, commands
+from beltcomm.drive.objects import COMMUNICATION, ObjectValue, is_command
 from beltcomm.drive.parameters import cascade_to_parameters
 from beltcomm.errors import BeltcommError, Refused, UsageError
 from beltcomm.experiments import phases, referencing, verification
@@ -139,7 +139,7 @@ def backup_list(folder: RunFolder) -> Result:
 def _of_file(read: ObjectFile, drive: Drive) -> tuple[list[ObjectValue], list[str]]:
     """Entries of a file that are written, and in words those left alone: it may hold a whole drive, for another tool."""
     kept = Writable.of(drive).kinds
-    orders = [item for item in read.values if commands(*item.place)]
+    orders = [item for item in read.values if is_command(*item.place)]
     wanted = [item for item in read.values if item.place in kept and item not in orders and item.index not in COMMUNICATION]
     others = [item for item in read.values if item not in orders and item not in wanted]
     left = []

@@ -1,28 +1,29 @@
-"""Model against measurement: the rms of the residual over the rms of the noise, and beside it in plain units (``plain_error``)."""
+"""Model against records: ratios to the noise, places that stand out, and the error in plain units (N m, N, A, per cent)."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.errors import Refused, UsageError
-from beltcomm.fit.band_error import band_limited_errors, band_of
+from beltcomm.fit.band_error import QUIET_SHARE, Banded, band_limited_errors, band_of
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.records import Data
 from beltcomm.fit.residual.segment import Segment
 from beltcomm.identify.landmarks import shape_of
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.laboratory.places import ErrorRegion, worst_places
-from beltcomm.laboratory.plain_error import plain_error
 from beltcomm.laboratory.samples import Judged, units_of
 from beltcomm.model import Model
 
-Array = NDArray[np.float64]
-
 #: A place is told when its ratio is this, and this many times that of the rest.
 LEAST_RATIO, LEAST_CONTRAST = 1.06, 1.04
+#: So many of them are told.
+WORST = 5
 #: In a model that fits as a whole, up to this ratio, only what adds this to its square and stands out by this factor.
 WHOLE, LEAST_WEIGHT, CLEAR_CONTRAST = 1.03, 0.01, 1.5
 
@@ -95,12 +96,12 @@ def _judge(piece: Segment, model: Model, white: Array, whole: Array) -> Judged:
     return Judged(piece, white, whole[piece.value_samples], model["transmission.ratio"], whole, units_of(model))
 
 
-def worst(comparison: Comparison, count: int = 5) -> list[ErrorRegion]:
+def worst(comparison: Comparison) -> list[ErrorRegion]:
     """The places that stand out, worst first; few or none where the model fits as a whole."""
     places = [p for p in comparison.places if p.ratio >= LEAST_RATIO and p.contrast >= LEAST_CONTRAST]
     if max(comparison.ratio, comparison.held_out or 0.0) <= WHOLE:
         places = [p for p in places if p.weight >= LEAST_WEIGHT and p.contrast >= CLEAR_CONTRAST]
-    return places[:count]
+    return places[:WORST]
 
 
 def landmarks(model: Model, position_m: float) -> dict[str, float]:
@@ -110,3 +111,46 @@ def landmarks(model: Model, position_m: float) -> dict[str, float]:
     except (UsageError, Refused):
         return {}
     return {} if shape is None else {"resonance": shape.belt.resonance_hz, "antiresonance": shape.belt.antiresonance_hz}
+
+
+#: Error in the band over its noise from which on it is none.
+ABOVE = 2.0
+
+
+def plain_error(parts: Sequence[Banded], model: Model, band_hz: float) -> PlainError | None:
+    """Over all samples of some segments that count; None without any."""
+    count = sum(int(np.count_nonzero(part.keep)) for part in parts)
+    if not count:
+        return None
+    error = math.sqrt(sum(float(np.sum(part.error[part.keep] ** 2)) for part in parts) / count)
+    torque = math.sqrt(sum(float(np.sum(part.torque[part.keep] ** 2)) for part in parts) / count)
+    noise = math.sqrt(sum(part.noise**2 * np.count_nonzero(part.keep) for part in parts) / count)
+    return PlainError(error, noise, torque, 100.0 * error / torque if torque > 0.0 else math.inf, units_of(model).force, band_hz)
+
+
+def unexplained_words(errors: Mapping[str, PlainError | None]) -> str:
+    """Slow part of a record, by its name, that cannot be noise whatever it was taken for, in words; "" where there is none."""
+    seen = {
+        name: one for name, one in errors.items() if one is not None and one.error > ABOVE * one.noise and one.percent > 100.0 * QUIET_SHARE
+    }
+    if not seen:
+        return ""
+    name, worst = max(seen.items(), key=lambda item: item[1].percent)
+    return (
+        f"Below {worst.band_hz:g} Hz {worst.percent:.0f} % of the torque of {name} is not explained, {worst.error / worst.noise:.1f} times "
+        "what such noise leaves there: that is no noise, something is missing in the model."
+    )
+
+
+def of_run(data: Data, fitted: Fitted, band_hz: float | None = None) -> tuple[PlainError | None, PlainError | None]:
+    """Over the fitted records and over those held out; None where there are none.
+
+    Parameters
+    ----------
+    band_hz : float or None
+        :func:`band_of` without one.
+    """
+    band = band_of(data, fitted.model) if band_hz is None else band_hz
+    parts = band_limited_errors(data, fitted, band)
+    fitted_parts, held = ([part for part in parts if part.held_out is out] for out in (False, True))
+    return plain_error(fitted_parts, fitted.model, band), plain_error(held, fitted.model, band)

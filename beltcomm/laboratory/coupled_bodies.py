@@ -26,7 +26,7 @@ from beltcomm.fit.records import Data, for_coupling
 from beltcomm.fit.residual.observer import needs_observer
 from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory.acceptance import EVIDENCE, STIFFNESS, drop_by
-from beltcomm.laboratory.forward_selection import Candidate, bic_penalty, candidate, may_add
+from beltcomm.laboratory.selection import Candidate, bic_penalty, candidate, may_add
 from beltcomm.model import Model
 
 COUPLING, END_PULLEY = effect_named("coupling"), effect_named("end_pulley")
@@ -58,7 +58,7 @@ def coupling_candidate(data: Data, current: Fitted, axis: Axis) -> Candidate | N
     """
     if current.objective <= FAR_OFF * current.problem.samples or not may_be_coupled(current):
         return None
-    if data.path.unseen:  # fast torque is a guess without the setpoint, and a coupling shows itself nowhere else
+    if data.path.without_setpoint:  # fast torque is a guess without the setpoint, and a coupling shows itself nowhere else
         return None
     found = grown_by_coupling(data, current, axis)
     if found is None:
@@ -82,7 +82,7 @@ def may_be_coupled(current: Fitted) -> bool:
     return bool(has_spring) and not needs_observer(current.model) and may_add(current, COUPLING)
 
 
-def with_coupling(data: Data, current: Fitted, axis: Axis) -> tuple[Data, Fitted] | None:
+def add_coupling(data: Data, current: Fitted, axis: Axis) -> tuple[Data, Fitted] | None:
     """Records and model with a coupling that was asked for, whatever speaks for it; None where nothing can be begun."""
     found = grown_by_coupling(data, current, axis, alone=True) if may_be_coupled(current) else None
     return None if found is None else refit_from_several_stiffnesses(*refit_with_rebuilt_motion(found[0], found[2], NEXT_ITERATIONS))

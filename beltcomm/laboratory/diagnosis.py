@@ -12,34 +12,40 @@ from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.fit.base import FIRST_ITERATIONS, NEXT_ITERATIONS, fit_base, in_groups_of, likeliest_path, refit_with_rebuilt_motion
 from beltcomm.fit.estimate import Fitted, escape_local_minimum, fit
-from beltcomm.fit.gap_valley import converged_gap
 from beltcomm.fit.least_squares import least_plain_error
 from beltcomm.fit.path_fit.values import refine_path
 from beltcomm.fit.records import PUBLISHED_SUBSTEPS, Data, prepare
 from beltcomm.fit.residual.observer import needs_observer
 from beltcomm.fit.start.model import data_sheet
 from beltcomm.fit.uncertainty.intervals import with_intervals
-from beltcomm.laboratory.acceptance import EVIDENCE, drop_by, impossible, is_refuted, lowers, share_left
-from beltcomm.laboratory.backward_elimination import drop_superfluous
+from beltcomm.laboratory.acceptance import (
+    EVIDENCE,
+    drop_by,
+    implausible_effects,
+    impossible,
+    is_refuted,
+    lowers,
+    parameters_at_bounds,
+    share_left,
+    undetermined_effects,
+)
 from beltcomm.laboratory.compare import compare
 from beltcomm.laboratory.coupled_bodies import COUPLING, coupling_candidate, refit_from_several_stiffnesses
-from beltcomm.laboratory.forward_selection import (
+from beltcomm.laboratory.gaps import converged_gap, gap_from_start, gap_with_delay, is_replaceable_gap
+from beltcomm.laboratory.law_shape import assign_body, fit_law_shapes
+from beltcomm.laboratory.samples import structure
+from beltcomm.laboratory.score import FAR_OFF, Scorer, ground_of
+from beltcomm.laboratory.selection import (
     MISSING,
     MOSTLY,
     Candidate,
     candidate,
+    drop_superfluous,
     fit_with_sheet_values,
     left_start_values,
     merge_candidates,
     search,
 )
-from beltcomm.laboratory.gap_behind_delay import gap_with_delay
-from beltcomm.laboratory.gap_evidence import is_replaceable_gap
-from beltcomm.laboratory.gap_from_start import gap_from_start
-from beltcomm.laboratory.law_shape import assign_body, fit_law_shapes
-from beltcomm.laboratory.plausibility import implausible_effects, parameters_at_bounds, undetermined_effects
-from beltcomm.laboratory.residual_structure import structure
-from beltcomm.laboratory.score import FAR_OFF, Scorer, ground_of
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 
@@ -448,7 +454,7 @@ def twins_of(candidates: Sequence[Candidate]) -> tuple[str, ...]:
 
 
 def remaining_structure(data: Data, fitted: Fitted) -> float:
-    """Distance of the residual from noise: see ``beltcomm.laboratory.residual_structure``."""
+    """Distance of the residual from noise: see ``beltcomm.laboratory.samples``."""
     return max(structures(data, fitted).values(), default=0.0)
 
 

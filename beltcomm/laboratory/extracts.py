@@ -19,16 +19,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.laboratory.gap_checks import first_rows
 from beltcomm.laboratory.place_checks import names_of, transmission
 from beltcomm.recording import Recording
 from beltcomm.recording.columns import COMMON
-
-Array = NDArray[np.float64]
 
 #: Rows of a record above which an extract stands for it, and of all extracts together.
 LONG_ROWS, EXTRACT_ROWS = 120_000, 72_000

@@ -22,7 +22,7 @@ from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.likelihood.problem import OFFSET_M
 from beltcomm.fit.records import Data
 from beltcomm.fit.residual.observer import needs_observer
-from beltcomm.fit.residual.segment import whitened_residual
+from beltcomm.fit.residual.whitened import whitened_residual
 from beltcomm.laboratory.acceptance import EVIDENCE as TO_BE_NAMED  # of an effect; that of a form is below
 from beltcomm.laboratory.acceptance import drop_by, exceeds_bounds, impossible, is_refuted
 from beltcomm.model import Model

@@ -6,13 +6,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, BoolArray
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.recording import Recording
-
-Array = NDArray[np.float64]
 
 #: m; places by a ruler and by the angle may differ by this.
 PLACE_M = 2e-3
@@ -49,7 +47,7 @@ class PositionLine:
     far: Array
 
     @property
-    def agree(self) -> NDArray[np.bool_]:
+    def agree(self) -> BoolArray:
         """Records that lie on it."""
         return np.abs(self.far) <= PLACE_M
 

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, BoolArray
 from beltcomm.laboratory.samples import (
     BAND_HZ,
     CARRIAGE_BY_MOTOR,
@@ -27,8 +27,6 @@ from beltcomm.laboratory.samples import (
     gather_samples,
     motor_angle,
 )
-
-Array = NDArray[np.float64]
 
 #: A bin is clearly bad from this many deviations above 1 on.
 DEVIATIONS = 4.0
@@ -158,9 +156,7 @@ def worst_span(ratio: Array, count: Array) -> tuple[int, int] | None:
     return first, last + 1
 
 
-def place_of(
-    dimension: str, low: float, high: float, unit: str, inside: NDArray[np.bool_], outside: NDArray[np.bool_], samples: Samples
-) -> ErrorRegion:
+def place_of(dimension: str, low: float, high: float, unit: str, inside: BoolArray, outside: BoolArray, samples: Samples) -> ErrorRegion:
     """The samples of a range as a place.
 
     Parameters

@@ -10,16 +10,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from beltcomm.arrays import Array
 from beltcomm.effects import Effect
 from beltcomm.effects._effect import BELT_STIFFNESS
 from beltcomm.fit.residual.observer import needs_observer
 from beltcomm.laboratory.score import Scored, Scorer
 from beltcomm.model import Model
-
-Array = NDArray[np.float64]
 
 #: Share of a value that a search moves it by at first where the trials say nothing.
 FIRST_STEP = 0.3

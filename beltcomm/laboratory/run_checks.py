@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from beltcomm.arrays import Array
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.fit.noise.level import torque_noise
@@ -25,8 +25,6 @@ from beltcomm.recording.checks import clipped_share, long_steps, rigid_inertia, 
 from beltcomm.recording.columns import CHANNELS
 from beltcomm.recording.sampling import EVEN, SIGMAS, Jitter, Uneven, encoder_grid, finest, stamp_jitter, uneven_rows
 from beltcomm.recording.sidecar import Sidecar
-
-Array = NDArray[np.float64]
 
 #: s; no record shorter than this shows a motion, its start and its end left aside.
 SHORTEST_S = 1.0

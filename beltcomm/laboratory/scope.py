@@ -16,9 +16,9 @@ from beltcomm.effects import EFFECTS
 from beltcomm.fit.noise.level import noise_doubt
 from beltcomm.fit.uncertainty.intervals import rounded_share
 from beltcomm.identify.landmarks import shape_of
-from beltcomm.laboratory.compare import compare
+from beltcomm.laboratory.acceptance import EVIDENCE
+from beltcomm.laboratory.compare import compare, unexplained_words
 from beltcomm.laboratory.diagnosis import NOISE_KNOWN, NONE_EXPLAINS, Diagnosis, Stage
-from beltcomm.laboratory.plain_error import unexplained_words
 from beltcomm.laboratory.samples import units_of
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -31,7 +31,7 @@ SLOTS = {effect.name: effect.slot for effect in EFFECTS}
 DRIVE_SLOTS, FAR_OFF_BASE = ("torque_delay", "torque_reading"), 10.0
 OF_DRIVE = frozenset(name for name, slot in SLOTS.items() if slot in DRIVE_SLOTS)
 #: Time constant of a current loop over the sampling period of which no more than e⁻⁴ is left when the torque is read at the period's end.
-SETTLED = 0.25
+WITHIN_SAMPLE = 0.25
 #: Share of the noise's power from which on it is mostly rounding.
 MOSTLY_ROUNDING = 0.5
 #: Share of the sampling rate up to which a resonance is sampled well enough.
@@ -60,7 +60,7 @@ def restrict_to_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tupl
     sentence = unknown_delivery(found, recordings)
     if sentence and found.verdict != "nothing missing":
         return without_names(found, OF_DRIVE), [sentence]
-    if sentence := settled_loop(found) or structure_of_rounding(found):
+    if sentence := current_loop_within_sample(found) or structure_of_rounding(found) or delay_of_path(found):
         return replace(found, verdict="cannot tell"), [sentence]
     unnamed = not_named(found.base.model, recordings)
     if not unnamed:
@@ -153,11 +153,11 @@ def unknown_delivery(found: Diagnosis, recordings: Sequence[Recording]) -> str:
     )
 
 
-def settled_loop(found: Diagnosis) -> str:
+def current_loop_within_sample(found: Diagnosis) -> str:
     """That a lag may be the drive's own current loop, whose torque is read when it has settled, in words; "" where it is none."""
     path, time_s = found.data.path, found.final_fit.model.get("current_lag.time")
     shaped = path.drive is None or bool(path.drive.lags) or not path.read_as_acts
-    if found.added_effects != ["current_lag"] or shaped or abs(time_s) > SETTLED * found.data.recordings[0].sample_period_s:
+    if found.added_effects != ["current_lag"] or shaped or abs(time_s) > WITHIN_SAMPLE * found.data.recordings[0].sample_period_s:
         return ""
     return (
         f"A lag of {1e3 * time_s:.2g} ms explains it, and a current loop as fast as that has settled when the drive reads its torque: "
@@ -177,6 +177,20 @@ def structure_of_rounding(found: Diagnosis) -> str:
         f"What is left is no more than the noise ({fitted.ratio:.2f} times), but not random. Most of that noise is the rounding of the "
         "encoder, which goes with the motion, too: whether something is missing these records do not tell. A longer sample period, or a "
         "finer encoder, would tell."
+    )
+
+
+def delay_of_path(found: Diagnosis) -> str:
+    """That what is left may be a delay behind the drive or the rest of its torque path, in words; "" where no small delay explains it."""
+    last = found.steps[-1].candidates if found.steps else ()
+    delay = next((c for c in last if c.of_path and c.stands and c.evidence > EVIDENCE), None)
+    if found.verdict != NONE_EXPLAINS or found.added_effects or delay is None or delay.fitted is None:
+        return ""
+    time_s = delay.fitted.model[f"{delay.effect.name}.time"]
+    return (
+        f"A {delay.effect.name} of {1e3 * time_s:.2g} ms would explain some of it, and so would a filter in the drive or in its torque "
+        f"reading that differs a little from the one found: {found.final_fit.ratio:.2f} times the noise do not tell them apart. A record "
+        "at a shorter sample period, or with a finer encoder, would tell."
     )
 
 

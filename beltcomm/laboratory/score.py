@@ -2,6 +2,9 @@
 
 An effect switched on at a typical size changes the whitened residual by a column; ``likelihood.local_quadratic`` says how far the
 objective falls with the best amount of it.  Finite changes and not derivatives: right for gap and slack, too.
+
+Effects that repeat with the motor angle have their columns for all orders in one pass.  A torque A sin(N θ) adds its triangular mean to
+the load; e^{jNθ} follows from e^{j(N-1)θ} by one multiplication per fine step.
 """
 
 from __future__ import annotations
@@ -11,17 +14,18 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.axis import Axis
+from beltcomm.compiled import compiled
 from beltcomm.effects import AxisSummary, Effect, Trial
 from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.fit.likelihood.problem import OFFSET_M, Parts, Problem
 from beltcomm.fit.records import SUBSTEPS
 from beltcomm.fit.residual.observer import needs_observer
-from beltcomm.fit.residual.segment import Segment, in_noise, observed_residuals, whitened_residual, with_observers
-from beltcomm.laboratory.acceptance import loudness
-from beltcomm.laboratory.harmonics import gain_means, line_columns, load_means, powers_of
+from beltcomm.fit.residual.segment import Segment
+from beltcomm.fit.residual.whitened import in_noise, observed_residuals, whitened_residual, with_observers
+from beltcomm.laboratory.acceptance import log_deviations
 from beltcomm.laboratory.single_record import explained_elongation, stiffness_by_record
 from beltcomm.model import Model, on_side
 from beltcomm.simulate.inverse import (
@@ -37,7 +41,94 @@ from beltcomm.simulate.inverse import (
 from beltcomm.simulate.kernels.switchboard import BEFORE_THE_LOAD
 from beltcomm.simulate.kernels.writer import acts_on_motor
 
-Array = NDArray[np.float64]
+
+def powers_of(number: int) -> Array:
+    """sin(0 θ) and cos(0 θ) of so many angles, which :func:`load_means` and :func:`gain_means` raise order by order; (2, number)."""
+    return np.stack([np.zeros(number), np.ones(number)])
+
+
+def load_means(piece: Segment, powers: Array, orders: int) -> Iterator[tuple[Array, Array]]:
+    """Triangular means of sin(N θ) and cos(N θ) for the next so many orders N; (n,) each, ends 0.
+
+    Parameters
+    ----------
+    powers : ndarray (2, fine)
+        Of the last one.
+    """
+    theta, m = piece.motion.theta, piece.motion.substeps
+    sine, cosine = np.sin(theta), np.cos(theta)
+    for _ in range(orders):
+        means = np.zeros((2, piece.motion.samples))
+        load_kernel(sine, cosine, powers[0], powers[1], m, means)
+        yield means[0], means[1]
+
+
+def gain_means(piece: Segment, powers: Array, orders: int) -> Iterator[tuple[Array, Array]]:
+    """Triangular means of torque sin(N θ) and torque cos(N θ), the torque held from sample n to n+1.
+
+    Parameters
+    ----------
+    powers : ndarray (2, fine - 1)
+    """
+    theta, m = piece.motion.theta, piece.motion.substeps
+    middle = 0.5 * (theta[:-1] + theta[1:])
+    sine, cosine = np.sin(middle), np.cos(middle)
+    for _ in range(orders):
+        means = np.zeros((2, piece.motion.samples))
+        gain_kernel(sine, cosine, powers[0], powers[1], piece.torque, m, means)
+        yield means[0], means[1]
+
+
+def line_columns(piece: Segment, inertia: float, lines: float) -> Array:
+    """Inertia torque by errors of the angle shown, 1 rad once and twice per line, N m; (n, 4), ends 0.
+
+        J (θ[n+1] - 2 θ[n] + θ[n-1])/T²  of  -sin Nθ, -cos Nθ, -sin 2Nθ, -cos 2Nθ
+
+    A line passes in so short a time that nothing behind the motor follows; at the samples, above half their rate as well.
+
+    Parameters
+    ----------
+    inertia : float, kg m², motor side
+    """
+    once = lines * piece.motion.theta[:: piece.motion.substeps]
+    error = np.stack([np.sin(once), np.cos(once), np.sin(2.0 * once), np.cos(2.0 * once)], axis=1)
+    columns = np.zeros_like(error)
+    columns[1:-1] = -inertia / piece.motion.sample_s**2 * np.diff(error, 2, axis=0)
+    return columns
+
+
+@compiled
+def load_kernel(sine: Array, cosine: Array, power_sine: Array, power_cosine: Array, m: int, means: Array) -> None:
+    """Raise the powers by one order; their triangular means by Simpson's rule (see ``triangular_mean``)."""
+    for k in range(sine.shape[0]):
+        s, c = power_sine[k], power_cosine[k]
+        power_sine[k] = s * cosine[k] + c * sine[k]
+        power_cosine[k] = c * cosine[k] - s * sine[k]
+    for n in range(1, means.shape[1] - 1):
+        middle = n * m
+        total_s, total_c = 2.0 * m * power_sine[middle], 2.0 * m * power_cosine[middle]
+        for j in range(1, m):
+            weight = (4.0 if j % 2 else 2.0) * (m - j)
+            total_s += weight * (power_sine[middle - j] + power_sine[middle + j])
+            total_c += weight * (power_cosine[middle - j] + power_cosine[middle + j])
+        means[0, n] = total_s / (3.0 * m * m)
+        means[1, n] = total_c / (3.0 * m * m)
+
+
+@compiled
+def gain_kernel(sine: Array, cosine: Array, power_sine: Array, power_cosine: Array, torque: Array, m: int, means: Array) -> None:
+    """Means of the gain harmonics for cells of held torque; the middle of a cell weighs it."""
+    for k in range(sine.shape[0]):
+        s, c = power_sine[k], power_cosine[k]
+        power_sine[k] = s * cosine[k] + c * sine[k]
+        power_cosine[k] = c * cosine[k] - s * sine[k]
+    for n in range(1, means.shape[1] - 1):
+        for j in range(m):
+            rising, falling = (n - 1) * m + j, n * m + j
+            up, down = torque[n - 1] * (j + 0.5), torque[n] * (m - j - 0.5)
+            means[0, n] += (up * power_sine[rising] + down * power_sine[falling]) / (m * m)
+            means[1, n] += (up * power_cosine[rising] + down * power_cosine[falling]) / (m * m)
+
 
 #: Trials whose columns are held at a time, and trials of an effect that are looked at again with bounds and weights of their own.
 BATCH, LOOKED_AT = 10, 3
@@ -141,7 +232,7 @@ class Scorer:
         """Trials and their columns, some at a time."""
         for first in range(0, len(trials), BATCH):
             some = list(trials[first : first + BATCH])
-            yield some, self.columns(effect, [self.model_with(effect, v, t) for t in some for v in amplitude_columns(effect, t)])
+            yield some, self.columns(effect, [self.model_with(effect, v, t) for t in some for v in amplitude_columns(t)])
 
     def harmonics(self, effect: Effect, trials: Sequence[Trial]) -> Iterator[tuple[list[Trial], Array]]:
         """Score columns for all orders of an effect that repeats with the motor angle."""
@@ -182,7 +273,7 @@ class Scorer:
     def score_columns(self, effect: Effect, trial: Trial, columns: Array) -> Scored:
         """One trial by its columns; by what the whole axis does to an error of the angle, where the columns only said which to look at."""
         if effect.harmonic == "angle":
-            columns = self.columns(effect, [self.model_with(effect, values, trial) for values in amplitude_columns(effect, trial)])
+            columns = self.columns(effect, [self.model_with(effect, values, trial) for values in amplitude_columns(trial)])
         if trial.base:
             return self.score_at(effect, trial, trial.values)
         near = self.nearby.best(columns=columns)
@@ -198,16 +289,14 @@ class Scorer:
         near = self.nearby.best(
             np.concatenate([whitened_residual(piece, grown, grown.vector()) for piece in pieces]) - self.fitted.residual
         )
-        drop = self.nearby.objective - near.objective + loudness(self.problem.pieces) - loudness(pieces)
+        drop = self.nearby.objective - near.objective + log_deviations(self.problem.pieces) - log_deviations(pieces)
         return Scored(effect, trial, drop, dict(trial.values), near.step)
 
     def score_at(self, effect: Effect, trial: Trial, own: Mapping[str, float]) -> Scored:
         """A trial with these own values as they are; amplitudes as the score test wants them."""
         if trial.amplitudes:
             unit = replace(trial, values={**own, **{name: trial.values[name] for name in trial.amplitudes}})
-            near = self.nearby.best(
-                columns=self.columns(effect, [self.model_with(effect, v, unit) for v in amplitude_columns(effect, unit)])
-            )
+            near = self.nearby.best(columns=self.columns(effect, [self.model_with(effect, v, unit) for v in amplitude_columns(unit)]))
             own = self.start_values(effect, unit, near.amounts)
         else:
             near = self.nearby.best(self.columns(effect, [self.model_with(effect, own, trial)])[:, 0])
@@ -300,7 +389,7 @@ class Scorer:
         return as_read(torque, 0.0, self.parts[i].motion.sample_s, self.parts[i].lags)
 
 
-def amplitude_columns(effect: Effect, trial: Trial) -> Iterator[dict[str, float]]:
+def amplitude_columns(trial: Trial) -> Iterator[dict[str, float]]:
     """Values of each column: the whole trial, or each of its amplitudes alone."""
     if not trial.amplitudes:
         yield dict(trial.values)

@@ -5,17 +5,17 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.fit.likelihood.problem import OFFSET_M, Problem
 from beltcomm.fit.records import SUBSTEPS
 from beltcomm.fit.residual.observer import needs_observer
-from beltcomm.fit.residual.segment import Segment, in_noise, observed_residuals, with_observers
+from beltcomm.fit.residual.segment import Segment
+from beltcomm.fit.residual.whitened import in_noise, observed_residuals, with_observers
+from beltcomm.laboratory.acceptance import STIFFNESS
 from beltcomm.simulate.inverse import belt_loads, fine_load, true_motion
 from beltcomm.simulate.kernels.vectors import LANES
-
-Array = NDArray[np.float64]
 
 #: m; a record whose carriage stays within this is taken at one place.
 ONE_PLACE_M = 0.06
@@ -26,7 +26,6 @@ ENOUGH, LOUD = 300, 0.2
 RANGE, GRID, FINE_GRID = 3.0, 3 * LANES, LANES
 #: Rise of the objective on both sides that makes a minimum, nats; a short record has few blocks to rise with, nats each.
 CLEAR, CLEAR_PER_BLOCK = 30.0, 1.0
-STIFFNESS = "belt_stiffness.stiffness"
 #: Mean square of a block's residual up to which the model explains it, and share of such blocks that may have swung further by chance.
 EXPLAINS, BY_CHANCE = 1.5, 0.01
 

@@ -3,7 +3,7 @@
 At the fitted model, an effect of strength s (1: the size that its trials call typical) changes the weighted residual by s c.  What the
 free parameters would do as well is taken out, c⊥ = c - A (AᵀA)⁻¹ Aᵀ c, so it would lower the objective by s² c⊥ᵀc⊥.  Named it can be where
 
-    s² c⊥ᵀc⊥ - (n ln N + 2 ln ways)  >  EVIDENCE        (laboratory.forward_selection)
+    s² c⊥ᵀc⊥ - (n ln N + 2 ln ways)  >  EVIDENCE        (laboratory.selection)
 
 Two amplitudes (sine and cosine) count with the phase that shows least.  Nothing is refitted: to first order, and a search from the
 same model has worked out most of it.
@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, AxisSummary, Effect, Trial
 from beltcomm.laboratory.acceptance import EVIDENCE
-from beltcomm.laboratory.forward_selection import bic_penalty, may_add
 from beltcomm.laboratory.score import Scorer
+from beltcomm.laboratory.selection import bic_penalty, may_add
 
 #: Strength from which on an effect counts as invisible: a typical one would not be named.
 TYPICAL = 1.0

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
 from beltcomm.drive import Drive, Motion, Row
@@ -43,7 +43,7 @@ class Watched(Protocol):
         ...
 
 
-def rigid_torque(model: Model, motion: Motion, holding_nm: float) -> NDArray[np.float64]:
+def rigid_torque(model: Model, motion: Motion, holding_nm: float) -> Array:
     """Torque of a rigid axis along a motion:  J φ̈ + τ_C sign φ̇ + d φ̇ + τ_g, N m, (n,)."""
     speed = motion.velocity_rad_s
     acceleration = np.gradient(speed, motion.period_s)
@@ -52,7 +52,7 @@ def rigid_torque(model: Model, motion: Motion, holding_nm: float) -> NDArray[np.
     )
 
 
-def planned_torque_nm(machine: Watched, model: Model, torque_nm: NDArray[np.float64]) -> float:
+def planned_torque_nm(machine: Watched, model: Model, torque_nm: Array) -> float:
     """Largest torque that a motion or a stop out of it takes, N m.
 
     Parameters
@@ -64,7 +64,7 @@ def planned_torque_nm(machine: Watched, model: Model, torque_nm: NDArray[np.floa
     return max(float(np.max(np.abs(torque_nm))), stop_nm) + abs(machine.holding_nm)
 
 
-def lent_torque_nm(machine: Watched, model: Model, torque_nm: NDArray[np.float64]) -> float:
+def lent_torque_nm(machine: Watched, model: Model, torque_nm: Array) -> float:
     """Torque beyond which a drive with a known loop does not go while it makes a motion, N m: its limit 6072h is lent for that, where it
     takes one.   torque_nm : as of :func:`planned_torque_nm`."""
     own = machine.drive.capabilities

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.errors import DriveError, Refused
 from beltcomm.fit.torque.reading_fit import fit_reading
 from beltcomm.recording import Recording
-
-Array = NDArray[np.float64]
 
 #: Samples by which a drive's torque may lag its setpoint.
 MOST_LAG = 8

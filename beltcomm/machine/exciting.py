@@ -30,7 +30,7 @@ class ExcitationContext:
 
 def run_on_words(machine: Machine, predicted: Prediction, ends_m: float) -> str:
     """Way that the carriage runs on if the computer dies, in words, with the guard time that the record will have."""
-    number = host_loss.chosen(machine, predicted, ends_m)
+    number = host_loss.chosen(predicted, ends_m)
     return host_loss.words(guard_times_s(machine.drive.capabilities)[number], predicted.run_on_m[number])
 
 
@@ -40,7 +40,7 @@ def guarded(
     """Limits of an excitation around a place, m, with the guard time of its run-on, and the watch of its rows."""
     predicted, full = context.predicted, machine.envelope()
     (low, high), ends = envelope.window_m, full.window_m
-    number = host_loss.chosen(machine, predicted, min(at - ends[0], ends[1] - at))
+    number = host_loss.chosen(predicted, min(at - ends[0], ends[1] - at))
     guard_s = guard_times_s(machine.drive.capabilities)[number]
     envelope = replace(envelope, window_m=(low + predicted.stop_m, high - predicted.stop_m), guard_s=guard_s)
     expected = PredictionWatch(predicted, machine.ratio, machine.axis.motor_side_inertia_kg_m2, units_of(machine.drive.capabilities))

@@ -119,7 +119,7 @@ def losses_of(machine: Machine, sliding_nm: Callable[[float, float], float] | No
     return Losses(held, counted, guarding.brakes, motor.brake_torque_nm or 0.0, machine.brake_s, abs(machine.holding_nm))
 
 
-def chosen(machine: Machine, predicted: Prediction, ends_m: float) -> int:
+def chosen(predicted: Prediction, ends_m: float) -> int:
     """Number of the longest guard time with which the predicted record stays within ``ends_m`` of its start."""
     fits = [number for number, place in enumerate(predicted.died_m) if place <= ends_m]
     return fits[0] if fits else len(predicted.died_m) - 1

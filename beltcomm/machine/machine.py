@@ -13,8 +13,8 @@ from dataclasses import replace
 from types import TracebackType
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade, Feedforward, feedforward_torque
 from beltcomm.drive import COLUMNS, Drive, Guarding, Limits, LoopKind, Motion, Row
@@ -39,7 +39,6 @@ from beltcomm.simulate.stopping import Braking, first_deceleration
 from beltcomm.talk import CarriagePosition, Gauge, Talk, detail, found
 from beltcomm.trajectory import Trajectory
 
-Array = NDArray[np.float64]
 RowWatch = Callable[[Row], None]
 
 #: The drive's parameter that holds a tilted axis in each of its own loops, the quick stop included.
@@ -86,6 +85,10 @@ class Machine:
         What was written last.
     closed
         Model and delay, s, that loops are counted with.
+    family
+        Models that the axis may be as far as anyone knows, that one among them.
+    free_share
+        Of the travel, that strokes of a weak loop leave free at either end.
     planned_s
         The agreed plan's, s.
     loop_tried
@@ -112,6 +115,8 @@ class Machine:
         self.braking: Braking | None = None
         self.guarding: Guarding | None = None
         self.closed: tuple[Model, float] | None = None
+        self.family: tuple[Model, ...] = ()
+        self.free_share = 0.0
         self.cascade: Cascade | None = None
         self.feedforward: Feedforward | None = None  # sent with every reference, where the drive holds none itself
         self.loop_tried = self.stop_tried = False

@@ -10,8 +10,8 @@ from collections import deque
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.control import Cascade
 from beltcomm.drive import Motion, Row
 from beltcomm.errors import SafetyStop
@@ -19,8 +19,6 @@ from beltcomm.identify.landmarks import shape_of
 from beltcomm.model import Model
 from beltcomm.trajectory import Trajectory
 from beltcomm.verify import Loop, predict_move
-
-Array = NDArray[np.float64]
 
 #: The band: from this share of the lowest first resonance along the travel, but at most from that share of the sampling rate, up to what
 #: rows can show: a loop that is too stiff or too late swings above the resonance as well, where no motion has a part.

@@ -119,7 +119,7 @@ def count_on_loop(machine: Machine, family: Sequence[Model], cascade: Cascade, d
             "or at what is loose on the axis"
         )
     machine.brake_with(braking)
-    machine.closed = family[0], delay_s
+    machine.closed, machine.family = (family[0], delay_s), tuple(family)
     machine.friction = max(map(total_friction, family)), max(map(total_viscous, family))
     machine.folder.journal(
         f"a stop brakes with {braking.deceleration_m_s2:.4g} m/s² after {1e3 * braking.lag_s:.1f} ms: {1e3 * braking.way_m(speed):.0f} mm "

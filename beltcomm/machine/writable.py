@@ -14,7 +14,7 @@ from typing import Any
 
 from beltcomm.axis import Motor
 from beltcomm.drive import Capabilities, Drive
-from beltcomm.drive.objects import MODE, ObjectValue, bounds_of, commands, name_of, packed
+from beltcomm.drive.objects import MODE, ObjectValue, bounds_of, is_command, name_of, packed
 from beltcomm.drive.parameters import GAIN_NAMES, LIMIT_NAMES
 from beltcomm.errors import DataError, ObjectLocked, Refused
 from beltcomm.machine.ratings import RATED_TOLERANCE
@@ -61,7 +61,7 @@ class Writable:
         rated = {} if folder is None else most_of(own, folder) | {name: (MOST[name], "what drives have") for name in GAIN_NAMES[:4]}
         held = {n: own.parameters[n] for n in rated if n in own.parameters and own.parameters[n].law == "linear"}
         limits = {(entry.index, entry.subindex): (name, entry.scale, *rated[name]) for name, entry in held.items()}
-        return cls({place: kind for place, kind in kinds.items() if place == MODE or not commands(*place)}, limits)
+        return cls({place: kind for place, kind in kinds.items() if place == MODE or not is_command(*place)}, limits)
 
     def check(self, values: Sequence[ObjectValue], *, mode: bool = False) -> None:
         """Raise Refused, before anything is written, for what must not be.
@@ -74,7 +74,7 @@ class Writable:
         wrong = [item for item in values if item.place not in self.kinds or (item.place == MODE and not mode)]
         if wrong:
             first = wrong[0]
-            what = "a command or a setpoint" if commands(*first.place) else "none of the settings that beltcomm backs up in this drive"
+            what = "a command or a setpoint" if is_command(*first.place) else "none of the settings that beltcomm backs up in this drive"
             raise ObjectLocked(
                 f"nothing was written: {titles(item.title for item in wrong)} {'are' if len(wrong) > 1 else 'is'} never written, for "
                 f"{first.title} is {what}; look at who made this file, and take another",
@@ -109,7 +109,7 @@ class Writable:
         """Check the objects behind named parameters, whatever a profile calls so.   Raises ObjectLocked."""
         for name in names:
             entry = capabilities.parameters.get(name)
-            if entry is not None and commands(entry.index, entry.subindex):
+            if entry is not None and is_command(entry.index, entry.subindex):
                 raise ObjectLocked(
                     f"nothing was written: the drive's profile puts {name} into {name_of(entry.index, entry.subindex)}, which is a "
                     "command or a setpoint; correct the profile",

@@ -9,17 +9,18 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.configfiles import find_config, read_yaml
 from beltcomm.effects import BELT_DAMPING, BELT_SPRING, BELT_STIFFNESS, DRIVING_END, Body, Effect, Parameter, effect_named
 from beltcomm.effects.rigid_load import driven
 from beltcomm.errors import UsageError
 from beltcomm.model.value import Value
 from beltcomm.plant.drive_section import IDEAL, Instruments, drive_section, drive_values
+from beltcomm.recording.columns import Side
 
 #: Bodies that need no effect.  The first body of a model is the driven one.
 BASE_BODIES = {
@@ -32,7 +33,6 @@ BASE_BODIES = {
 }
 TRANSMISSION = Parameter("ratio", "m/rad", "motor", 0.0125, 1e-5, 10.0, "i_t = r/i_g: travel per radian of the motor (2.16)")
 
-Side = Literal["motor", "load", "ampere", "volt"]
 #: N m/A, N m/V and m/rad, usual values: they only carry bounds and start values over to another side.
 _USUAL_CONSTANT, _USUAL_GAIN, _USUAL_RATIO = 0.1, 0.05, 0.0125
 #: Unit on the motor side -> (unit, factor of usual numbers) on another one.
@@ -136,7 +136,7 @@ class Model:
         """True if its load moves with the motor without compliance."""
         return "rigid_load" in self.effects
 
-    def driven_inertia(self, vector: NDArray[np.float64] | None = None) -> float:
+    def driven_inertia(self, vector: Array | None = None) -> float:
         """Inertia of the driven body, with a load that moves with it rigidly:  J + i_t² m, kg m² (kg, A s²/rad).
 
         Parameters
@@ -156,7 +156,7 @@ class Model:
         ratio = float(values[self._index["transmission.ratio"]])
         return driven(float(values[own]), ratio, float(values[self._index["cart.mass"]]))
 
-    def vector(self) -> NDArray[np.float64]:
+    def vector(self) -> Array:
         """All values in their fixed order, float64."""
         return np.array([item.value for item in self.parameters.values()])
 
@@ -192,7 +192,7 @@ class Model:
             changed[name] = replace(old, value=float(value), low=low, high=high, interval=None, origin=origin or old.origin)
         return replace(self, parameters={**self.parameters, **changed})
 
-    def with_vector(self, vector: NDArray[np.float64]) -> Model:
+    def with_vector(self, vector: Array) -> Model:
         """Model with the values of :meth:`vector`, kept within their bounds.
 
         Parameters

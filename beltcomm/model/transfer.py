@@ -10,8 +10,9 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from beltcomm.arrays import ComplexArray
 from beltcomm.effects import Point
 from beltcomm.errors import UsageError
 from beltcomm.model import Model
@@ -33,7 +34,7 @@ class TransferFunction:
     den: tuple[float, ...]
     delay_s: float = 0.0
 
-    def response(self, freq_hz: ArrayLike) -> NDArray[np.complex128]:
+    def response(self, freq_hz: ArrayLike) -> ComplexArray:
         """G(j2πf).
 
         Parameters
@@ -46,7 +47,7 @@ class TransferFunction:
         ndarray (m,) of complex
         """
         s = 2j * np.pi * np.atleast_1d(np.asarray(freq_hz, dtype=float))
-        result: NDArray[np.complex128] = np.polyval(self.num, s) / np.polyval(self.den, s) * np.exp(-s * self.delay_s)
+        result: ComplexArray = np.polyval(self.num, s) / np.polyval(self.den, s) * np.exp(-s * self.delay_s)
         return result
 
     def delayed(self, delay_s: float) -> TransferFunction:

@@ -8,6 +8,9 @@ from typing import Any
 
 from beltcomm.result import with_unit
 
+#: Half width of a 95 % interval over the standard deviation of a normal estimate.
+NORMAL_95 = 1.96
+
 
 @dataclass(frozen=True)
 class Value:

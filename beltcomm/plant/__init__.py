@@ -29,7 +29,15 @@ class Plant(Protocol):
     belt_force_n: float
 
     def step(self, torque_nm: float, duration_s: float) -> None:
-        """Let ``torque_nm`` (held, at the motor shaft) act for ``duration_s``; deterministic."""
+        """Let a torque act; deterministic.
+
+        Parameters
+        ----------
+        torque_nm : float, N m, motor shaft
+            Held all the time.
+        duration_s : float, s
+            How long.
+        """
         ...
 
 
@@ -38,5 +46,11 @@ class BrakedPlant(Protocol):
     """A machine whose motor has a holding brake, beside :class:`Plant`."""
 
     def brake(self, torque_nm: float) -> None:
-        """From now on the brake holds the motor with up to ``torque_nm``, N m; 0: it is open."""
+        """Close or open the holding brake from now on.
+
+        Parameters
+        ----------
+        torque_nm : float, N m, motor shaft
+            With up to which it holds; 0: it is open.
+        """
         ...

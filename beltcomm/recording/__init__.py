@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm import atomic
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, Column
 from beltcomm.axis import Axis
 from beltcomm.configfiles import to_yaml, write_text
 from beltcomm.errors import DataError, NoMotion, UsageError
@@ -101,7 +101,7 @@ class Recording:
     side: Side = "motor"
     sidecar: Sidecar = field(default_factory=Sidecar)
     notes: tuple[str, ...] = ()
-    extra: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    extra: Mapping[str, Column] = field(default_factory=dict)
     file: str = ""
 
     def __post_init__(self) -> None:
@@ -162,7 +162,7 @@ class Recording:
         """Gapless pieces in time: first sample, and the one behind the last, of each."""
         return tuple(pairwise([0, *(int(i) + 1 for i in self.gaps), len(self.t_s)]))
 
-    def columns(self) -> dict[str, NDArray[Any]]:
+    def columns(self) -> dict[str, Column]:
         """The columns of its file by name, in the file's order."""
         channels = CHANNELS[self.side]
         named = {} if self.is_static_map else {"t_s": self.t_s}
@@ -387,7 +387,7 @@ def load_recording(path: Path | str, axis: Axis | None = None) -> Recording:
 
 def recording_from_columns(
     name: str,
-    columns: Mapping[str, NDArray[Any]],
+    columns: Mapping[str, Column],
     sidecar: Sidecar,
     axis: Axis | None = None,
     *,

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, BoolArray
 from beltcomm.recording.checks import running_mean, usual_step
 from beltcomm.recording.sampling import finest
 
@@ -162,7 +162,7 @@ class _Law:
     width: int
     columns: Array
     bins: NDArray[np.intp]
-    parts: tuple[tuple[NDArray[np.bool_], tuple[Array, ...]], ...]
+    parts: tuple[tuple[BoolArray, tuple[Array, ...]], ...]
 
 
 def _laws(position: Array) -> list[_Law]:

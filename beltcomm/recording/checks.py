@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, BoolArray, robust_deviation, runs_of
 
 #: Share of samples at the end of the torque's range from which a record counts as clipped.
 CLIPPED_SHARE = 0.02
@@ -86,7 +86,7 @@ def long_steps(t_s: Array) -> NDArray[np.intp]:
     """
     steps = np.diff(t_s)
     period = float(np.median(steps))
-    spread = 1.4826 * float(np.median(np.abs(steps - period)))
+    spread = robust_deviation(steps - period)
     return np.flatnonzero(steps > max(1.5 * period, period + SPREADS * spread))
 
 
@@ -160,7 +160,7 @@ def clipped_share(torque: Array, setpoint: Array | None, amplitude: float | None
     return float(np.mean(at_end)) if len(entries) and np.median(jumps) > 3.0 * smallest else 0.0
 
 
-def _by_chance(at_end: NDArray[np.bool_], noise_steps: float) -> bool:
+def _by_chance(at_end: BoolArray, noise_steps: float) -> bool:
     """True if noise alone may put that many neighbours at one value.   noise_steps : median deviation, steps of the reading."""
     equal = MEDIAN_DEVIATION / (noise_steps * math.sqrt(2.0 * math.pi))  # most probable value of normal noise, for one neighbour
     return float(equal ** np.count_nonzero(at_end[1:] & at_end[:-1])) > CHANCE
@@ -238,7 +238,18 @@ def backwards(t_s: Array, torque: Array, position: Array) -> bool:
 
 
 def livelier(t_s: Array, torque: Array, position: Array) -> tuple[Array, Array, Array]:
-    """Of a long record the MOST_JUDGED rows in a row that move most: enough to judge it, and it need not be in memory several times."""
+    """Of a long record the rows in a row that move most: enough to judge it, and it need not be in memory several times.
+
+    Parameters
+    ----------
+    t_s, torque, position : ndarray, (n,)
+        s, and any units.
+
+    Returns
+    -------
+    tuple of ndarray
+        ``MOST_JUDGED`` rows of each; all where there are no more.
+    """
     if len(t_s) <= MOST_JUDGED:
         return t_s, torque, position
     begins = range(0, len(t_s) - MOST_JUDGED + 1, MOST_JUDGED)
@@ -380,27 +391,36 @@ def _partial(signal: Array, cause: Array, others: Array) -> float:
 
 
 def running_mean(signal: Array, width: int) -> Array:
-    """Mean of each ``width`` values in a row."""
+    """Mean of each ``width`` values in a row.
+
+    Parameters
+    ----------
+    signal : ndarray, (n,)
+        In any unit.
+    width : int
+        1 to n.
+
+    Returns
+    -------
+    ndarray, (n - width + 1,)
+        In that unit.
+    """
     total = np.concatenate(([0.0], np.cumsum(signal)))
     return (total[width:] - total[:-width]) / width
 
 
-def _in_runs_of_one(signal: Array) -> NDArray[np.bool_]:
+def _in_runs_of_one(signal: Array) -> BoolArray:
     """Samples that stand in a run of CLIPPED_RUN equal ones at least."""
-    same = np.concatenate(([False], np.diff(signal) == 0.0, [False]))
-    edges = np.flatnonzero(np.diff(same.astype(np.int8)))
     found = np.zeros(len(signal), dtype=bool)
-    for start, end in zip(edges[::2], edges[1::2], strict=True):
+    for start, end in runs_of(np.diff(signal) == 0.0):
         found[start : end + 1] = end - start + 1 >= CLIPPED_RUN
     return found
 
 
-def _in_runs(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _in_runs(mask: BoolArray) -> BoolArray:
     """The mask without runs shorter than CLIPPED_RUN."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], mask.astype(np.int8), [0]))))
-    starts, ends = edges[::2], edges[1::2]
     kept = np.zeros(len(mask), dtype=bool)
-    for start, end in zip(starts, ends, strict=True):
+    for start, end in runs_of(mask):
         kept[start:end] = end - start >= CLIPPED_RUN
     return kept
 
@@ -435,7 +455,20 @@ def _quotient(lower: Array, upper: Array, alike: float) -> float:
 
 
 def unit_words(quotient: float, upper: str, lower: str) -> str:
-    """Units that a quotient of two signals tells; "" when it is none of UNIT_FACTORS."""
+    """Units that a quotient of two signals tells, in words.
+
+    Parameters
+    ----------
+    quotient : float
+        Upper over lower, 1 where their units agree.
+    upper, lower : str
+        What the two are called.
+
+    Returns
+    -------
+    str
+        "" where it is within 5 % of none of ``UNIT_FACTORS`` and no inverse of one.
+    """
     for factor, words in UNIT_FACTORS.items():
         if abs(quotient / factor - 1.0) < 0.05:
             return f"the {upper} has {words}"

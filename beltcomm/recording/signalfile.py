@@ -11,16 +11,14 @@ import io
 import re
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Column
 from beltcomm.configfiles import write_text
 from beltcomm.errors import DataError
 from beltcomm.outside import check_columns, check_count, opened
 
-Column = NDArray[Any]
 #: Bytes read at a time.
 _BLOCK = 1 << 22
 csv.field_size_limit(1 << 24)  # a field of any length is data; a line has half of that at most

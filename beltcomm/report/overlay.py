@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, BoolArray
 from beltcomm.report import style
 from beltcomm.residuals.responses import MEAN_S, Trace, running_mean
 
@@ -71,7 +70,7 @@ def _whole_record(axes: Axes, middle: Array, level: Array, low: float, length: f
     axes.legend(loc="upper right", fontsize=8, ncols=2)
 
 
-def _torques(axes: Axes, trace: Trace, near: NDArray[np.bool_]) -> None:
+def _torques(axes: Axes, trace: Trace, near: BoolArray) -> None:
     time, measured, everywhere = trace.t_s[near], trace.measured[near], trace.model[near]
     model = np.where(np.isfinite(trace.white[near]), everywhere, np.nan)
     if trace.excited:
@@ -93,7 +92,7 @@ def _torques(axes: Axes, trace: Trace, near: NDArray[np.bool_]) -> None:
     axes.legend(loc="upper right", fontsize=8, ncols=3)
 
 
-def _residuals(axes: Axes, trace: Trace, near: NDArray[np.bool_]) -> None:
+def _residuals(axes: Axes, trace: Trace, near: BoolArray) -> None:
     shown = np.clip(trace.white[near], -EDGE, EDGE)
     axes.axhspan(-2.0, 2.0, color=style.FAINT, alpha=0.45, linewidth=0.0, label="±2: noise alone stays inside, 95 of 100 times")
     axes.plot(trace.t_s[near], shown, color=style.RESIDUAL, linewidth=0.5, marker=".", markersize=2.5)

@@ -13,8 +13,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, ComplexArray
 from beltcomm.design.cascade import DesignResult
 from beltcomm.design.measured import MeasuredLoop
 from beltcomm.report import style
@@ -74,8 +74,8 @@ def proof_figure(design: DesignResult, shown: Sequence[ProvenResponse], sentence
 def _plane(
     axes: Axes,
     title: str,
-    loops: Sequence[NDArray[np.complex128]],
-    measured: Sequence[NDArray[np.complex128]],
+    loops: Sequence[ComplexArray],
+    measured: Sequence[ComplexArray],
     disc: float,
     sensitivity_db: float,
 ) -> None:
@@ -99,10 +99,10 @@ def _plane(
 
 def _gain(
     axes: Axes,
-    omega: NDArray[np.float64],
-    loops: Sequence[NDArray[np.complex128]],
+    omega: Array,
+    loops: Sequence[ComplexArray],
     shown: Sequence[ProvenResponse],
-    measured: Sequence[NDArray[np.complex128]],
+    measured: Sequence[ComplexArray],
     name: str,
 ) -> None:
     levels = 20.0 * np.log10(np.maximum(np.abs(loops), 1e-6))
@@ -121,10 +121,10 @@ def _gain(
 
 def _phase(
     axes: Axes,
-    omega: NDArray[np.float64],
-    loops: Sequence[NDArray[np.complex128]],
+    omega: Array,
+    loops: Sequence[ComplexArray],
     shown: Sequence[ProvenResponse],
-    measured: Sequence[NDArray[np.complex128]],
+    measured: Sequence[ComplexArray],
 ) -> None:
     hz = omega / (2.0 * math.pi)
     phases = [_unwrapped(loop) for loop in loops]
@@ -139,7 +139,7 @@ def _phase(
     axes.set_ylabel("phase in degrees")
 
 
-def _margins(gain: Axes, phase: Axes, hz: NDArray[np.float64], loops: Sequence[NDArray[np.complex128]]) -> None:
+def _margins(gain: Axes, phase: Axes, hz: Array, loops: Sequence[ComplexArray]) -> None:
     """The least phase margin and the least gain margin of all variants, where they are met."""
     found = [margin for loop in loops if (margin := _phase_margin(hz, loop)) is not None]
     if found:
@@ -154,7 +154,7 @@ def _margins(gain: Axes, phase: Axes, hz: NDArray[np.float64], loops: Sequence[N
         gain.annotate(f" {decibels:.1f} dB at {at:.3g} Hz", (at, 0.0), xytext=(3, 3), textcoords="offset points", fontsize=8)
 
 
-def _phase_margin(hz: NDArray[np.float64], loop: NDArray[np.complex128]) -> tuple[float, float] | None:
+def _phase_margin(hz: Array, loop: ComplexArray) -> tuple[float, float] | None:
     """Smallest phase margin in degrees over the crossovers, and where, Hz; None without any."""
     level = np.log(np.abs(loop))
     found = []
@@ -165,7 +165,7 @@ def _phase_margin(hz: NDArray[np.float64], loop: NDArray[np.complex128]) -> tupl
     return min(found, key=lambda pair: abs(pair[0])) if found else None
 
 
-def _gain_margin(hz: NDArray[np.float64], loop: NDArray[np.complex128]) -> tuple[float, float] | None:
+def _gain_margin(hz: Array, loop: ComplexArray) -> tuple[float, float] | None:
     """Smallest gain in dB above 0 to a crossing of the negative axis, and where, Hz; None without any."""
     found = []
     for i in np.flatnonzero((np.diff(np.sign(loop.imag)) != 0) & (loop.real[1:] < 0.0)):
@@ -176,7 +176,7 @@ def _gain_margin(hz: NDArray[np.float64], loop: NDArray[np.complex128]) -> tuple
     return min(found) if found else None
 
 
-def _unwrapped(loop: NDArray[np.complex128]) -> NDArray[np.float64]:
+def _unwrapped(loop: ComplexArray) -> Array:
     """Phase over frequency without jumps, degrees, beginning between -360 and 0."""
     phase = np.degrees(np.unwrap(np.angle(loop)))
     return np.asarray(phase - 360.0 * math.ceil(phase[0] / 360.0))

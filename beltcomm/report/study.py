@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, BoolArray
 from beltcomm.report import style
 
 #: Shares of the members that an axis of values shows: one that runs away must not press all others into a line.
@@ -48,7 +47,7 @@ class Against:
     words: str
     drawn: Array
     values: Array
-    kept: NDArray[np.bool_]
+    kept: BoolArray
     bound: float | None
     correlation: str
 

@@ -16,16 +16,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, BoolArray
 from beltcomm.axis import Axis
 from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, AxisSummary, Effect
 from beltcomm.fit.estimate import Fitted
-from beltcomm.laboratory.forward_selection import bic_penalty, may_add
 from beltcomm.laboratory.score import Scored, Scorer, amplitude_columns, ground_of
+from beltcomm.laboratory.selection import bic_penalty, may_add
 from beltcomm.residuals.cells import Cells
 from beltcomm.residuals.law import LawCurve, curve_of
-
-Array = NDArray[np.float64]
 
 #: Trials of an effect that are kept, and a fall of O below which its law is not drawn.
 TRIALS, DRAWN = 3, 15.0
@@ -47,7 +46,7 @@ class TrialSums:
     m: Array
     signed: bool
 
-    def fall(self, chosen: NDArray[np.bool_]) -> float:
+    def fall(self, chosen: BoolArray) -> float:
         """Fall of the squares on the chosen cells with the amount that is best there."""
         slope, square = self.b[chosen].sum(axis=0), self.m[chosen].sum(axis=0)
         if not np.all(np.diag(square) > 0.0):
@@ -127,7 +126,7 @@ def _ways(scorer: Scorer, effect: Effect, ground: AxisSummary) -> list[tuple[Sco
         one = scorer.score_columns(effect, trial, columns)
         if one.drop > 0.0:
             exact = effect.harmonic == "angle" or trial.base
-            ways = [scorer.model_with(effect, values, trial) for values in amplitude_columns(effect, trial)]
+            ways = [scorer.model_with(effect, values, trial) for values in amplitude_columns(trial)]
             found.append((one, scorer.columns(effect, ways) if exact else columns))
     return sorted(found, key=lambda way: -way[0].drop)[:TRIALS]
 

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.laboratory.samples import Judged, motor_angle, motor_speed
-
-Array = NDArray[np.float64]
 
 #: Samples and turns of the motor in a cell at most, and cells that a page is given; where there would be more both grow.
 SAMPLES, TURNS, MOST = 10, 1.0 / 128.0, 16_000

@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, BoolArray
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.likelihood.problem import OFFSET_M
-from beltcomm.fit.residual.segment import evaluate
+from beltcomm.fit.residual.whitened import evaluate
 from beltcomm.laboratory.samples import Judged
 from beltcomm.model import Model
 from beltcomm.residuals.cells import COORDINATES, Cells, cells_of
-
-Array = NDArray[np.float64]
 
 #: Bins of a coordinate along which a law is drawn, and cells in a bin below which it is left out.
 BINS, FEWEST = 60, 3
@@ -46,7 +44,7 @@ class LawCurve:
     missing_backward: Array
 
 
-def curve_of(cells: Cells, there: NDArray[np.bool_], torque: Array, missing: Array) -> LawCurve:
+def curve_of(cells: Cells, there: BoolArray, torque: Array, missing: Array) -> LawCurve:
     """The curve of a torque.
 
     Parameters

@@ -6,15 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, BoolArray, ComplexArray
 from beltcomm.errors import DataError
 from beltcomm.laboratory.samples import Judged, Units
 from beltcomm.recording import ExcitationNote, Recording
 from beltcomm.response import estimate_response
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: A line counts as excited from this share of the strongest on; the lowest ones hold the drift of the carriage.
 LEAST_EXCITATION, FIRST_LINE = 0.05, 3
@@ -175,7 +172,7 @@ def compared(trace: Trace) -> tuple[Array, Array]:
     return running_mean(np.where(known, trace.measured, np.nan), width), running_mean(model, width)
 
 
-def _between(known: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _between(known: BoolArray) -> BoolArray:
     """Samples that count and those between two of them at their usual distance.
 
     At a reversal none counts: there friction takes any value up to its level, and the model jumps.

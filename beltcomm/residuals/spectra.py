@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
+from beltcomm.arrays import Array, BoolArray
 from beltcomm.laboratory.samples import Judged
-
-Array = NDArray[np.float64]
 
 #: Bands over all frequencies.
 BANDS = 96
@@ -52,7 +51,7 @@ def edges_of(rows: Sequence[GridRow]) -> Array:
     return np.asarray(np.linspace(0.0, 0.5 / min(row.step_s for row in rows), BANDS + 1))
 
 
-def power(rows: Sequence[GridRow], values: Array, edges: Array, chosen: NDArray[np.bool_] | None = None) -> Array:
+def power(rows: Sequence[GridRow], values: Array, edges: Array, chosen: BoolArray | None = None) -> Array:
     """Mean power by band, 1 at the noise, nan where nothing tells.
 
     Parameters
@@ -93,7 +92,7 @@ def filtered(rows: Sequence[GridRow], values: Array, low_hz: float, high_hz: flo
     return np.concatenate(parts)
 
 
-def _each(rows: Sequence[GridRow], values: Array, chosen: NDArray[np.bool_] | None) -> list[tuple[GridRow, Array, NDArray[np.bool_]]]:
+def _each(rows: Sequence[GridRow], values: Array, chosen: BoolArray | None) -> list[tuple[GridRow, Array, BoolArray]]:
     """Each row that the values reach, with its own of them and of the choice."""
     found, begin = [], 0
     for row in rows:

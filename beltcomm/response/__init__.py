@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltcomm import atomic
-from beltcomm.arrays import Array, ComplexArray
+from beltcomm.arrays import Array, BoolArray, ComplexArray
 from beltcomm.errors import DataError
 from beltcomm.outside import KEPT_BYTES, in_words, opened
 
@@ -98,7 +98,7 @@ class FrequencyResponse:
         m = self.n_periods - 1
         return np.asarray(self.noise * np.sqrt(m * ((1.0 - level) ** (-1.0 / m) - 1.0)), dtype=np.float64)
 
-    def lines(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> FrequencyResponse:
+    def lines(self, index: NDArray[np.intp] | BoolArray) -> FrequencyResponse:
         """The response at some of its lines.
 
         Parameters

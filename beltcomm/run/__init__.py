@@ -382,7 +382,25 @@ def options_of(given: dict[str, Any]) -> Options:
 
 
 def copy_run(folder: RunFolder, to: Path) -> Path:
-    """Copy a run, whole or not at all.   Raises UsageError where the new folder exists or cannot be, or a session is at work in the run."""
+    """Copy a run, whole or not at all.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run.
+    to : Path
+        New folder.
+
+    Returns
+    -------
+    Path
+        The new folder.
+
+    Raises
+    ------
+    UsageError
+        Where the new folder exists or cannot be, or a session is at work in the run.
+    """
     run = folder.path
     if to.exists() or to.is_symlink():
         raise UsageError(f"{to} exists; give another name for the copy of {run}")

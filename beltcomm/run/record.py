@@ -9,8 +9,8 @@ from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.errors import DataError, UsageError
 from beltcomm.given import Place, pasted, place
 from beltcomm.identify.loop_response import response_to_signal
@@ -92,17 +92,17 @@ class RunRecord(Described):
         self._folder, self.name, self.recording = folder, name, recording
 
     @property
-    def t_s(self) -> NDArray[np.float64]:
+    def t_s(self) -> Array:
         """Time, s."""
         return self.recording.t_s
 
     @property
-    def torque(self) -> NDArray[np.float64]:
+    def torque(self) -> Array:
         """Torque at the motor shaft, N m (or what :attr:`Recording.torque_unit` says)."""
         return self.recording.torque
 
     @property
-    def position(self) -> NDArray[np.float64]:
+    def position(self) -> Array:
         """Angle of the motor shaft, rad (or what :attr:`Recording.position_unit` says)."""
         return self.recording.position
 

@@ -23,7 +23,7 @@ from beltcomm.result import plain
 from beltcomm.rundata import analyse
 from beltcomm.rundata.delays import assume_delay, delay, measure_delay_and_damping
 from beltcomm.rundata.findings import Findings
-from beltcomm.rundata.kept_fit import kept_path
+from beltcomm.rundata.kept import kept_path
 from beltcomm.rundata.offline import structure_of
 from beltcomm.rundata.revisions import Revision, keep_cost, model_named
 from beltcomm.runfolder import RunFolder

@@ -18,12 +18,14 @@ from beltcomm.design.spread import MarginSpread, margin_spread
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.fit.model_fit import SUSPECT_MISFIT, fit_model
 from beltcomm.fit.noise.level import torque_noise
-from beltcomm.fit.residual.segment import segments, squares_left, whitened_residual, with_observer
+from beltcomm.fit.residual.segment import segments
+from beltcomm.fit.residual.whitened import squares_left, whitened_residual, with_observer
 from beltcomm.fit.torque.path import FAITHFUL, TorquePath
 from beltcomm.fit.uncertainty.remarks import joint_draws
 from beltcomm.identify.dead_time import DeadTime
 from beltcomm.model import Model
 from beltcomm.model.linear import describes
+from beltcomm.model.value import NORMAL_95
 from beltcomm.recording import Recording
 from beltcomm.response import FrequencyResponse
 from beltcomm.result import plain
@@ -38,8 +40,6 @@ from beltcomm.verify import LEAST_DRAWN
 
 #: Draws of the parameters, and the most closed loops that are judged: half a second.
 DRAWS, MOST_LOOPS = 160, 1600
-#: Standard deviations in half a 95 % interval where nothing else is known of it.
-NORMAL_QUANTILE = 1.96
 #: Intervals over standard deviations that differ by less are of one fit; files round.
 SAME_SHARE = 1.01
 #: Parameters whose place the design's own dampings take.
@@ -286,14 +286,14 @@ def on_draws(grounds: Grounds, cascade: Cascade, period_s: float, seed: int) -> 
     if fit:
         covariance, freedom, source = np.array(fit["covariance"]), float(fit["freedom"]), "the fit's covariance"
     else:
-        covariance = np.diag([(float(model.parameters[n].interval or 0.0) / NORMAL_QUANTILE) ** 2 for n in names])
+        covariance = np.diag([(float(model.parameters[n].interval or 0.0) / NORMAL_95) ** 2 for n in names])
         freedom, source = np.inf, "the model's intervals, taken as independent"
     mean, late = np.array([model[n] for n in names]), grounds.dead_time
     low, high = (np.array([getattr(model.parameters[n], end) for n in names]) for end in ("low", "high"))
     variants = len(_plants(grounds, model, grounds.delay_s))
     count = min(DRAWS, max(MOST_LOOPS // variants, 1))
     values = joint_draws(mean, covariance, low, high, count, freedom=freedom, seed=seed)
-    spread_s = late.interval_s / NORMAL_QUANTILE if late else 0.0
+    spread_s = late.interval_s / NORMAL_95 if late else 0.0
     delays = np.maximum(grounds.delay_s + spread_s * np.random.default_rng((seed, 1)).standard_normal(count), 0.0)
     # Every damping between none and the apparent one is a plant of its own anyway, so the drawn one would only change which.
     drawn = [i for i, name in enumerate(names) if name not in DAMPINGS]

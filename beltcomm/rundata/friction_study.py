@@ -8,7 +8,7 @@ from typing import Any
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
-from beltcomm.identify.friction import FrictionFit
+from beltcomm.identify.friction import FrictionFit, slowest_fitted_rad_s
 from beltcomm.identify.magnitude_fit import MagnitudeFit
 from beltcomm.identify.standstill import Standstill, largest
 from beltcomm.identify.sweeps import Drift, Sweep, drift_of, measurements, sweeps_of
@@ -16,7 +16,6 @@ from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.result import plain
 from beltcomm.rundata import analyse
-from beltcomm.schedule.strokes import slowest_fitted_rad_s
 
 
 @dataclass(frozen=True)

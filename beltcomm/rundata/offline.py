@@ -16,6 +16,7 @@ from beltcomm.fit.noise.decimation import smallest_step
 from beltcomm.foreign.checks import check
 from beltcomm.given import pasted
 from beltcomm.identify.final import final_model
+from beltcomm.identify.friction import slowest_fitted_rad_s
 from beltcomm.identify.magnitude_fit import Solver
 from beltcomm.identify.standstill import largest
 from beltcomm.laboratory.cross_checks import sheet_doubts
@@ -26,11 +27,10 @@ from beltcomm.rundata import analyse
 from beltcomm.rundata.delays import measure_delay_and_damping
 from beltcomm.rundata.findings import Findings
 from beltcomm.rundata.fitted_run import with_remarks_on_rest
-from beltcomm.rundata.kept_fit import kept_path
+from beltcomm.rundata.kept import kept_path
 from beltcomm.rundata.revisions import CURRENT, model_named, trusted_model
 from beltcomm.rundata.store import cascade_from_dict, saved_design, structure_from_dict
 from beltcomm.runfolder import RunFolder
-from beltcomm.schedule.strokes import slowest_fitted_rad_s
 from beltcomm.talk import Talk
 
 #: The cascade assumed for a run folder that no drive has ever been connected to: the thesis's own, at 1 kHz.

@@ -13,6 +13,7 @@ from beltcomm.drive.objects import ParameterObject
 from beltcomm.drive.parameters import cascade_to_parameters, parameters_to_cascade
 from beltcomm.errors import DataError, UsageError
 from beltcomm.fit.model_fit import ModelFit
+from beltcomm.identify.led_gains import GainFactors
 from beltcomm.result import plain
 from beltcomm.runfolder import RunFolder
 from beltcomm.verify import Verdict
@@ -170,3 +171,29 @@ def _check_design(saved: Mapping[str, Any]) -> None:
 def verdict_to_dict(verdict: Verdict) -> dict[str, Any]:
     """``results/verify.yaml``."""
     return dict(plain(verdict))
+
+
+_LED_GAINS = "led_gains"
+
+
+def led_gains_of(folder: RunFolder) -> GainFactors | None:
+    """The factors that a run knows; None where it knows none.   Raises DataError for a damaged file."""
+    data = folder.load_result(_LED_GAINS)
+    return None if data is None else GainFactors(*(data[name] for name in ("kp", "kpp", "kp_interval", "kpp_interval")))
+
+
+def keep_led_gains(folder: RunFolder, found: GainFactors) -> None:
+    """Keep what a move has shown, unless an earlier one knows it better."""
+    before = led_gains_of(folder)
+    if before is None or found.kpp_interval <= before.kpp_interval:
+        folder.save("results", _LED_GAINS, found.to_dict())
+        folder.journal(
+            f"by its move with a led reference the drive's K_P is {found.kp:.4f} ± {found.kp_interval:.4f} times what it is taken for, "
+            f"K_PP {found.kpp:.4f} ± {found.kpp_interval:.4f} times"
+        )
+
+
+def as_in_drive(folder: RunFolder, cascade: Cascade) -> Cascade:
+    """A controller as the run knows that it really runs in the drive."""
+    factors = led_gains_of(folder)
+    return cascade if factors is None else factors.of(cascade)

@@ -8,27 +8,20 @@ from typing import Literal
 import numpy as np
 
 from beltcomm.axis.entries import TrajectoryLimits
+from beltcomm.identify.friction import SWEEP_SLOWEST_M_S
 from beltcomm.trajectory import Strokes, constant_speed_strokes
 
 #: Name of the sweep without an order.
 DEFAULT = "default"
 Which = Literal["twice", "once", "again"]
 
-#: Friction sweep: slowest speed, number of speeds, run-in left out, shortest and longest plateau that counts.
-SWEEP_SLOWEST_M_S = 0.01
+#: Friction sweep: number of speeds, run-in left out, shortest and longest plateau that counts.
 SWEEP_SPEEDS = 7
 SWEEP_RUN_IN_S = 0.2
 SWEEP_SHORTEST_S = 0.1
 SWEEP_LONGEST_S = 0.6
 #: Rows a plateau must hold behind its run-in, for the mean of each of its batches; slowly polled drives need longer ones for that.
 PLATEAU_ROWS = 20
-#: Share of the slowest speed that is still fitted, so that rounding does not leave it out.
-JUST_BELOW = 0.99
-
-
-def slowest_fitted_rad_s(ratio_m_rad: float) -> float:
-    """Sweeps below this are shown and not fitted, rad/s at the motor: the Stribeck effect acts there (3.6)."""
-    return JUST_BELOW * SWEEP_SLOWEST_M_S / ratio_m_rad
 
 
 def fastest_stroke_m_s(limits: TrajectoryLimits, window_m: float, plateau_s: float = SWEEP_SHORTEST_S) -> float:

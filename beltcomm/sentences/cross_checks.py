@@ -12,15 +12,16 @@ from beltcomm.axis import Axis
 from beltcomm.laboratory.cross_checks import (
     MapCheck,
     Resonances,
+    SecondSensor,
     SheetDoubt,
     amplitudes_fitted,
     doubts_of,
     friction_bound,
     map_checks,
     resonances,
+    second_sensor,
 )
 from beltcomm.laboratory.score import ground_of
-from beltcomm.laboratory.second_sensor import SecondSensor, second_sensor
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.sentences.words import number

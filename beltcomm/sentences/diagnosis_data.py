@@ -9,7 +9,7 @@ from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.uncertainty.intervals import with_intervals
 from beltcomm.laboratory.diagnosis import Diagnosis
 from beltcomm.laboratory.figures import PlainError
-from beltcomm.laboratory.forward_selection import Candidate
+from beltcomm.laboratory.selection import Candidate
 from beltcomm.laboratory.visible import DetectionLimit
 from beltcomm.model import Model
 from beltcomm.result import plain

@@ -13,10 +13,10 @@ from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.start.model import BELT_BASE, RIGID_BASE
 from beltcomm.fit.uncertainty.intervals import with_intervals
 from beltcomm.given import pasted
+from beltcomm.laboratory.acceptance import KNOWN, implausible_effects, undetermined_effects
 from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, structures
 from beltcomm.laboratory.figures import PlainError
-from beltcomm.laboratory.forward_selection import MISSING, Candidate
-from beltcomm.laboratory.plausibility import KNOWN, implausible_effects, undetermined_effects
+from beltcomm.laboratory.selection import MISSING, Candidate
 from beltcomm.laboratory.visible import DetectionLimit
 from beltcomm.language import told, tr
 from beltcomm.model import Model, effect_parameters

@@ -17,7 +17,7 @@ from beltcomm.rundata import analyse
 from beltcomm.rundata.delays import delay
 from beltcomm.rundata.findings import Findings
 from beltcomm.rundata.headline import NOTED, OF, OWN, hashes_of, headline_of, next_command
-from beltcomm.rundata.kept_fit import KEY, keep_fit
+from beltcomm.rundata.kept import KEY, keep_fit
 from beltcomm.rundata.revisions import RECORDS
 from beltcomm.rundata.store import design_to_dict, fit_to_dict, verdict_to_dict
 from beltcomm.runfolder import RunFolder

@@ -14,6 +14,7 @@ from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.identify.landmarks import Landmark, Landmarks, find_landmarks
 from beltcomm.language import told, tr
 from beltcomm.model import Model
+from beltcomm.model.value import NORMAL_95
 from beltcomm.recording import Recording
 from beltcomm.response import FrequencyResponse
 from beltcomm.result import table
@@ -165,7 +166,7 @@ def _rigid_db(response: FrequencyResponse, highest_hz: float) -> tuple[float, fl
         return math.nan, math.nan
     # A slope over the band is common to all records, what is left about it is not.
     left = levels - np.polyval(np.polyfit(np.log(response.freq_hz[low]), levels, 1), np.log(response.freq_hz[low]))
-    return float(np.mean(levels)), float(1.96 * np.sqrt(np.sum(left**2) / (len(levels) - 2) / len(levels)))
+    return float(np.mean(levels)), float(NORMAL_95 * np.sqrt(np.sum(left**2) / (len(levels) - 2) / len(levels)))
 
 
 def _differences(rows: Sequence[ResponseRow]) -> tuple[list[Difference], list[str]]:

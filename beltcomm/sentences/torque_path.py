@@ -45,7 +45,7 @@ def path_data(path: TorquePath, sample_s: float) -> dict[str, Any]:
         sample_period_s; delay_s from setpoint to acting torque, None without a setpoint; words, a list of sentences, empty for a whole
         delay and a faithful reading.
     """
-    delay_s = None if path.drive is None or path.unseen else path.drive.delay_s(sample_s)
+    delay_s = None if path.drive is None or path.without_setpoint else path.drive.delay_s(sample_s)
     return {
         **path_to_dict(path),
         "sample_period_s": sample_s,

@@ -27,12 +27,12 @@ from beltcomm.arrays import Array
 from beltcomm.effects import EFFECTS
 from beltcomm.model import Model
 from beltcomm.model.mounted import Mounted, loaded
-from beltcomm.simulate.intersample import Intersample
+from beltcomm.simulate.imperfect import Intersample
+from beltcomm.simulate.kernels.belt_lanes import belt_loads_in_lanes, lane_values
 from beltcomm.simulate.kernels.compose import inverse_kernel
 from beltcomm.simulate.kernels.learning import with_memory
-from beltcomm.simulate.kernels.mean import triangular_mean
 from beltcomm.simulate.kernels.observer import NOTHING, ObserverState, reset
-from beltcomm.simulate.kernels.plain_belt import plain_belt, values_of
+from beltcomm.simulate.kernels.pieces import triangular_mean
 from beltcomm.simulate.kernels.switchboard import switchboard
 from beltcomm.simulate.kernels.vectors import LANES
 from beltcomm.simulate.kernels.writer import LOOK_AHEAD, MOVING_RAD_S
@@ -281,11 +281,11 @@ def belt_loads(model: Model, motion: FineMotion, vectors: Sequence[Array], offse
         return np.zeros((motion.samples, len(vectors)))
     vectors = [loaded(model, vector, motion.mounted) for vector in vectors]
     h = motion.sample_s / motion.substeps
-    if board.plain:
+    if board.in_lanes:
         by_name = dict(zip(model.parameters, np.array(vectors).T, strict=True))
-        values = values_of(len(vectors), lambda name: by_name.get(name, 0.0), np.asarray(offsets_m))
+        values = lane_values(len(vectors), lambda name: by_name.get(name, 0.0), np.asarray(offsets_m))
         ratio = float(by_name["transmission.ratio"][0])
-        return plain_belt(motion.theta, motion.omega, h, motion.substeps, ratio, first_speed(motion), values)
+        return belt_loads_in_lanes(motion.theta, motion.omega, h, motion.substeps, ratio, first_speed(motion), values)
     means = np.empty((len(vectors), motion.samples))
     load, cart = _SCRATCH.rows(len(motion.theta))
     for mean, vector, offset in zip(means, vectors, offsets_m, strict=True):
@@ -432,14 +432,14 @@ def torque_residuals(model: Model, motion: FineMotion, torque: Array, vectors: S
         As reported.
     """
     board, ratio = switchboard(model.base_bodies, model.effects), model.index("transmission.ratio")
-    beside = board.plain and not board.sensor and all(p[ratio] == vectors[0][ratio] for p in vectors)
+    beside = board.in_lanes and not board.sensor and all(p[ratio] == vectors[0][ratio] for p in vectors)
     loads = belt_loads(model, motion, vectors, offsets_m).T if beside else [None] * len(vectors)
     left = []
     for p, offset, load in zip(vectors, offsets_m, loads, strict=True):
         true = true_motion(model, motion, p)
         if load is not None:
             needed = motor_load(model, true, p) + load
-        elif board.plain:
+        elif board.in_lanes:
             needed = motor_load(model, true, p) + belt_load(model, true, p, offset)
         else:
             needed, _ = load_torque(model, true, p, offset)

@@ -13,11 +13,9 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, BoolArray
 from beltcomm.effects import EFFECTS
-from beltcomm.simulate.kernels.addresses import address
 from beltcomm.simulate.kernels.compose import import_stable
 from beltcomm.simulate.kernels.observer import ObserverState
 from beltcomm.simulate.kernels.observer_lanes import (
@@ -35,7 +33,7 @@ from beltcomm.simulate.kernels.observer_lanes import (
     observers,
 )
 from beltcomm.simulate.kernels.switch_groups import blocks, indent, needed_lines
-from beltcomm.simulate.kernels.vectors import LANES, aligned_zeros
+from beltcomm.simulate.kernels.vectors import LANES, address, aligned_zeros
 from beltcomm.simulate.kernels.writer import Writer, acts_on_motor
 
 #: Fine steps of each motion that are brought beside the others' at a time: enough to read memory in rows.
@@ -70,7 +68,7 @@ class Lane(NamedTuple):
     watch: ObserverState
 
 
-def lock_step(lanes: Sequence[Lane], on: NDArray[np.bool_], step_s: float) -> None:
+def lock_step(lanes: Sequence[Lane], on: BoolArray, step_s: float) -> None:
     """Eight lanes at most, the longest first, with one number of fine steps a sample, one transmission and the same effects.
 
     Whether the observers learn is the same in all.

@@ -177,7 +177,7 @@ class SimulatedPlant:
         references : ndarray (4, n)
             Position, speed, acceleration at the motor shaft, torque added.
         sensing : ndarray
-            As in ``loop_kernel``. waiting : torques on their way, the next one first, N m.
+            As in ``pieces.setpoint``. waiting : torques on their way, the next one first, N m.
         late_s : float
             How much of a period the torque before goes on acting.
 

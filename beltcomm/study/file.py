@@ -24,7 +24,7 @@ from beltcomm.quantities import parse_quantity
 from beltcomm.result import jsonable, plain
 from beltcomm.rundata import analyse, offline
 from beltcomm.rundata.cost import offline_move
-from beltcomm.rundata.run_move import move_of
+from beltcomm.rundata.proof import move_of
 from beltcomm.rundata.store import saved_design
 from beltcomm.runfolder import RunFolder
 from beltcomm.study.members import Commissioned, Doing, Fleet, MemberTracking, Work

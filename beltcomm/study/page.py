@@ -63,9 +63,7 @@ def study_page(asked: Study, summary: Summary, lines: Sequence[Line], command: s
     notes = [f"Made by: {command}", "Numbers of all members: members.jsonl; of this page: summary.json."]
     if summary.done < summary.planned:
         notes.append(f"{summary.planned - summary.done} members are not computed yet; the same command goes on.")
-    return render(
-        Page(f"{asked.name}: study", caption.data, words.headline(asked, summary), state, _facts(summary), steps, sections, notes)
-    )
+    return render(Page(f"{asked.name}: study", caption.data, words.headline(summary), state, _facts(summary), steps, sections, notes))
 
 
 def _shares(summary: Summary) -> list[PageTable | Picture | Paragraphs]:

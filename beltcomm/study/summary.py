@@ -12,11 +12,12 @@ import numpy as np
 from scipy.special import betaincinv
 
 from beltcomm.arrays import Array
+from beltcomm.model.value import NORMAL_95
 
 #: Quantiles told.
 QUANTILES = (0.05, 0.5, 0.95)
 #: Members named as the worst; fewest members from which a rank correlation is told; what its 95 % interval is made with.
-WORST, FEWEST, NORMAL = 5, 10, 1.96
+WORST, FEWEST = 5, 10
 #: How a driver is named that is the distance of a parameter from its nominal value.
 DISTANCE = "distance from nominal of"
 #: What a larger value of is better; of all else a smaller one is.
@@ -112,7 +113,6 @@ class Summary:
     planned: int
     done: int
     failed: Mapping[int, str]
-    exit_codes: Mapping[int, int]
     shares: tuple[Share, ...]
     spreads: tuple[QuantitySpread, ...]
     drivers: tuple[Driver, ...]
@@ -136,9 +136,6 @@ def summary_of(lines: Sequence[Line], planned: int, targets: Mapping[str, float]
     """
     lines = sorted(lines, key=lambda line: int(line["member"]))
     failed = {int(line["member"]): str(line["error"]) for line in lines if "error" in line}
-    codes: dict[int, int] = {}
-    for line in lines:
-        codes[int(line["exit_code"])] = codes.get(int(line["exit_code"]), 0) + 1
     told = [line for line in lines if "error" not in line]
     keys = list(dict.fromkeys(key for line in told for key in line["found"]))
     flags = [key for key in keys if any(isinstance(line["found"].get(key), bool) for line in told)]
@@ -150,7 +147,6 @@ def summary_of(lines: Sequence[Line], planned: int, targets: Mapping[str, float]
         planned,
         len(lines),
         failed,
-        dict(sorted(codes.items())),
         tuple(shares),
         tuple(_spread(key, told) for key in numbers),
         tuple(_drivers(lines, [*flags[:1], *targets, "phase_margin_deg"], nominal)),
@@ -210,7 +206,7 @@ def _driver(label: str, key: str, drawn: Array, results: Sequence[float | None])
     if len(x) < FEWEST or min(len(np.unique(x)), len(np.unique(y))) < 2:
         return None
     rho = float(np.corrcoef(_ranks(x), _ranks(y))[0, 1])
-    half = NORMAL * math.sqrt((1.0 + 0.5 * rho**2) / (len(x) - 3))
+    half = NORMAL_95 * math.sqrt((1.0 + 0.5 * rho**2) / (len(x) - 3))
     z = math.atanh(min(max(rho, -1.0 + 1e-12), 1.0 - 1e-12))
     return Driver(label, key, rho, math.tanh(z - half), math.tanh(z + half))
 

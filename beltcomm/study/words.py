@@ -66,7 +66,7 @@ def per_cent(share: float) -> str:
     return f"{100.0 * share:.4g}" if share > 0.99 else f"{100.0 * share:.3g}"
 
 
-def headline(asked: Study, summary: Summary) -> str:
+def headline(summary: Summary) -> str:
     """The first sentence."""
     share = summary.share("passed")
     named, left = summary.share("hidden effect named"), summary.share("healthy left alone")
@@ -130,7 +130,7 @@ def values_text(asked: Study, values: Mapping[str, Any]) -> str:
 def summary_lines(asked: Study, summary: Summary, lines: Sequence[Mapping[str, Any]], file: str) -> list[str]:
     """Everything for people."""
     by_number = {int(line["member"]): line for line in lines}
-    text = [headline(asked, summary), f"  {summary.done} of {summary.planned} members of {asked.name}; base: {asked.base}"]
+    text = [headline(summary), f"  {summary.done} of {summary.planned} members of {asked.name}; base: {asked.base}"]
     text += [f"  {share_words(one)}: {share_text(one)}" for one in summary.shares]
     if summary.answers:
         text.append("What was named, and of how many:")

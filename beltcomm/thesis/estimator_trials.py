@@ -9,10 +9,9 @@ import numpy as np
 
 from beltcomm.arrays import Array, IntArray
 from beltcomm.encoder import formulas
-from beltcomm.encoder.edges import INCREMENT_M, TICK_S, Edges, Flaws, Motion, edges_of
+from beltcomm.encoder.edges import INCREMENT_M, TICK_S, Edges, Flaws, Motion, count_increments, edges_of
 from beltcomm.encoder.estimators import EstimatorSettings, Extension, Switching, Velocities, velocities
 from beltcomm.encoder.kernel import COUNT, LEVEL_A, LEVEL_B, STATE, new_decoder, take_edge
-from beltcomm.encoder.quadrature import count_increments
 
 #: The estimators by the names of their fields in ``Velocities``, and by the source's order.
 METHODS = ("high_pass", "event_counter", "gate", "combined")

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from beltcomm.arrays import Array, ComplexArray
+from beltcomm.design.design_plant import DesignPlant
 from beltcomm.effects.belt_spans import stiffness
 from beltcomm.excitation import Excitation, prbs
 from beltcomm.model import Model, load_plant
@@ -75,7 +76,7 @@ class ModelStudy:
 
 def compare() -> ModelStudy:
     """Everything of chapter 2, and figures 3.7 and 3.9."""
-    sets = {plant.name: two_mass_of(plant.name) for plant in thesis_plants()}
+    sets = {plant.name: two_mass_of(plant) for plant in thesis_plants()}
     rig = load_plant("egc_70").model
     at = {place: operating_point(rig, place, 1.0) for place in PLACES_M}
     s_a = sets["S_A"]
@@ -116,9 +117,8 @@ def springs() -> dict[str, Array]:
     return {"c1": c1, "c2": c2, "c3": c3, "c": replaced}
 
 
-def two_mass_of(name: str) -> TwoMass:
-    """A parameter set of appendix A."""
-    plant = next(p for p in thesis_plants() if p.name == name)
+def two_mass_of(plant: DesignPlant) -> TwoMass:
+    """An axis in the source's form, damping at the belt."""
     ratio = plant.transmission_m_rad
     at_belt = plant.motor_damping_nm_s_rad / ratio**2
     return TwoMass(

@@ -19,14 +19,13 @@ from beltcomm.design.thesis import ThesisDesign, thesis_design, thesis_margins
 from beltcomm.errors import Refused
 from beltcomm.model import Model
 from beltcomm.model.linear import modes, operating_point, state_space
-from beltcomm.model.transfer import TwoMass
 from beltcomm.recording import Recording
 from beltcomm.response import log_spaced_lines
 from beltcomm.result import plain
 from beltcomm.simulate.stopping import total_friction, total_inertia, total_viscous
 from beltcomm.thesis import discretisation, identification
 from beltcomm.thesis.closed_loop import FORWARD
-from beltcomm.thesis.models import FREQ_HZ, REDUCED
+from beltcomm.thesis.models import FREQ_HZ, REDUCED, two_mass_of
 from beltcomm.trajectory import Trajectory
 from beltcomm.verify import Loop, predict_move, tracking_error
 
@@ -36,19 +35,6 @@ _Told = tuple[dict[str, Any], list[str]]
 PLACES, UP_TO, ABOVE = (0.1, 0.5, 0.9), 0.9, 2.0
 #: dB within which an approximation stands for the exact response.
 NEAR_DB = 1.0
-
-
-def two_mass_of(plant: DesignPlant) -> TwoMass:
-    """The axis in the source's form, damping at the belt."""
-    return TwoMass(
-        plant.inertia_kg_m2,
-        plant.mass_kg,
-        plant.stiffness_n_m,
-        plant.motor_damping_nm_s_rad / plant.transmission_m_rad**2,
-        plant.cart_damping_ns_m,
-        plant.belt_damping_ns_m,
-        plant.transmission_m_rad,
-    )
 
 
 def models(axis: Axis, model: Model, plant: DesignPlant, records: Sequence[Recording]) -> _Told:

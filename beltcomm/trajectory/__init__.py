@@ -290,9 +290,20 @@ def constant_speed_strokes(
 
 
 def ramp_length_m(speed_m_s: float, limits: TrajectoryLimits) -> float:
-    """Travel from rest to a speed with limited jerk and acceleration, m.
+    """Travel from rest to a speed with limited jerk and acceleration.
 
     v √(v/j) when the acceleration limit is not reached (a² ≥ v j), else v (v/a + a/j)/2.
+
+    Parameters
+    ----------
+    speed_m_s : float, m/s
+        Of the carriage, 0 or more.
+    limits : TrajectoryLimits
+        Of the carriage.
+
+    Returns
+    -------
+    float, m
     """
     v, a, j = speed_m_s, limits.acceleration_m_s2, limits.jerk_m_s3
     return v * math.sqrt(v / j) if a * a >= v * j else 0.5 * v * (v / a + a / j)
@@ -377,6 +388,19 @@ def _check_limits(path: Path, move: Trajectory, axis: Axis) -> None:
 
 
 def with_dwell(trajectory: Trajectory, seconds: float) -> Trajectory:
-    """Path with a rest at its end."""
+    """Path with a rest at its end.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        Of the carriage.
+    seconds : float, s
+        How long it rests.
+
+    Returns
+    -------
+    Trajectory
+        On the same grid.
+    """
     period = trajectory.sample_period_s
     return join([trajectory, at_rest(float(trajectory.position_m[-1]), seconds, period)])

@@ -213,7 +213,7 @@ def _solutions(task: Task) -> Iterator[Array]:
             if refined is None or refined.min() < 0.0:
                 continue
         refined = _with_top(refined, begin, task)
-        if _keeps_bounds(states(begin, jerks, refined), refined, task):
+        if _keeps_bounds(states(begin, jerks, refined), task):
             yield refined
 
 
@@ -324,7 +324,7 @@ def _with_top(durations: Array, begin: Array, task: Task) -> Array:
     return split
 
 
-def _keeps_bounds(passed: Array, durations: Array, task: Task) -> bool:
+def _keeps_bounds(passed: Array, task: Task) -> bool:
     """True if speed and acceleration keep their bounds; the speed is largest or smallest where the acceleration passes zero."""
     speeds, accelerations = passed[:, 1], passed[:, 2]
     if accelerations.max() > task.a_high + BEYOND or accelerations.min() < task.a_low - BEYOND:

@@ -16,7 +16,6 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from beltcomm.arrays import Array
-from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.errors import Refused, UsageError
 from beltcomm.trajectory import Trajectory, phase_search
 from beltcomm.trajectory.phase_search import PHASES, Task
@@ -64,12 +63,6 @@ class MotionBounds:
                 raise UsageError(f"{name} is {value:g}; it must be {'above' if '_max_' in name else 'below'} 0")
         if self.velocity_min_m_s == self.velocity_max_m_s:
             raise UsageError("velocity_min_m_s and velocity_max_m_s are both 0; nothing could move")
-
-    @classmethod
-    def symmetric(cls, limits: TrajectoryLimits) -> MotionBounds:
-        """Limits that are equal in both directions (table A.8)."""
-        v, a, j = limits.speed_m_s, limits.acceleration_m_s2, limits.jerk_m_s3
-        return cls(-v, v, -a, a, -j, j)
 
     def mirrored(self) -> MotionBounds:
         """Those of the same motion the other way."""
@@ -132,9 +125,19 @@ class SevenPhases:
         return float(self.durations_s.sum())
 
     def at(self, t_s: Array) -> tuple[Array, Array, Array, Array]:
-        """Position m, velocity m/s, acceleration m/s², jerk m/s³ at times, each of the shape of ``t_s``.
+        """Motion at given times.
 
         At the very moment at which the jerk switches, the new one; outside the motion, the state at the end that is nearer.
+
+        Parameters
+        ----------
+        t_s : ndarray, s
+            From the beginning of the motion.
+
+        Returns
+        -------
+        tuple of ndarray
+            Position m, velocity m/s, acceleration m/s², jerk m/s³, each of the shape of ``t_s``.
         """
         begins = np.concatenate([[0.0], np.cumsum(self.durations_s)])
         t = np.clip(np.asarray(t_s, dtype=np.float64), 0.0, begins[-1])
@@ -219,7 +222,25 @@ def on_grid(start: MotionState, end: MotionState, bounds: MotionBounds, sample_p
     It gets a constant speed that is lower; where its acceleration never comes to zero, less jerk; where that leads to no motion of the next
     whole number of periods, it takes more of them.
 
-    Errors as :func:`fastest_motion`; UsageError for a period that is not positive; Refused where no such duration is found.
+    Parameters
+    ----------
+    start, end : MotionState
+        Of the carriage.
+    bounds : MotionBounds
+        Of each way.
+    sample_period_s : float, s
+        Of the drive.
+
+    Returns
+    -------
+    SevenPhases
+
+    Raises
+    ------
+    UsageError
+        As :func:`fastest_motion`, and for a period that is not positive.
+    Refused
+        As :func:`fastest_motion`, and where no such duration is found.
     """
     if not (sample_period_s > 0.0 and math.isfinite(sample_period_s)):
         raise UsageError(f"the sample period is {sample_period_s} s; give a positive number of seconds")
@@ -242,7 +263,20 @@ def on_grid(start: MotionState, end: MotionState, bounds: MotionBounds, sample_p
 
 
 def bounds_reached(motion: SevenPhases, bounds: MotionBounds) -> tuple[str, ...]:
-    """Names of the bounds that a motion comes to, in the order of :class:`MotionBounds`: what makes it no faster."""
+    """Names of the bounds that a motion comes to: what makes it no faster.
+
+    Parameters
+    ----------
+    motion : SevenPhases
+        Made within these bounds.
+    bounds : MotionBounds
+        Of each way.
+
+    Returns
+    -------
+    tuple of str
+        In the order of :class:`MotionBounds`.
+    """
     extremes, found = motion.extremes(), []
     for field in fields(MotionBounds):
         bound = getattr(bounds, field.name)

@@ -9,14 +9,12 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, BoolArray, runs_of
 from beltcomm.control import Cascade, Prefilter
 from beltcomm.design.cascade import DesignResult, best_cascade, candidate_prefilters
 from beltcomm.design.design_plant import DesignPlant
-from beltcomm.design.held_knobs import KnobPlants, gains_of_knobs, highest_position_margin, specification_of, suppression_range
-from beltcomm.design.knobs import Knobs
+from beltcomm.design.knobs import KnobPlants, Knobs, gains_of_knobs, highest_position_margin, specification_of, suppression_range
 from beltcomm.design.loops import loop_shape, sample_plants
 from beltcomm.design.margins import Margins, WorstMargins, margins_on, worst_of
 from beltcomm.design.specification import Specification
@@ -243,7 +241,7 @@ class FeasibilityTable:
 
     margins_deg: Array
     suppressions_db: Array
-    possible: NDArray[np.bool_]
+    possible: BoolArray
 
 
 @dataclass(frozen=True)
@@ -311,7 +309,6 @@ def _way(name: str, value: float, pieces: list[tuple[float, float]]) -> str:
     return f"{TITLES[name]} {'at most' if value > high else 'at least'} {high if value > high else low:.1f} {unit}"
 
 
-def _pieces(values: Array, possible: NDArray[np.bool_]) -> list[tuple[float, float]]:
+def _pieces(values: Array, possible: BoolArray) -> list[tuple[float, float]]:
     """Runs of neighbours that are possible."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], possible, [False]])))
-    return [(float(values[start]), float(values[end - 1])) for start, end in edges.reshape(-1, 2)]
+    return [(float(values[start]), float(values[end - 1])) for start, end in runs_of(possible)]

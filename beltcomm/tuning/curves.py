@@ -6,9 +6,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, ComplexArray
 from beltcomm.control import Cascade
 from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.loops import closed_loop_inputs, frequencies, open_loops
@@ -96,7 +95,7 @@ def _speed(plant: DesignPlant) -> int:
     return 1 if plant.bodies is None else len(plant.state_space()[1]) // 2
 
 
-def _bode(loop: NDArray[np.complex128]) -> tuple[Array, Array]:
+def _bode(loop: ComplexArray) -> tuple[Array, Array]:
     """Gain, dB, and phase, deg, the first within 0 .. −360."""
     phase = np.degrees(np.unwrap(np.angle(loop)))
     return 20.0 * np.log10(np.abs(loop)), phase - 360.0 * math.ceil(phase[0] / 360.0 - 0.125)

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from beltcomm.control import PrefilterKind
-from beltcomm.design.held_knobs import OutOfReach
-from beltcomm.design.knobs import Knobs
+from beltcomm.design.knobs import Knobs, OutOfReach
 from beltcomm.design.specification import Specification
 from beltcomm.tuning.bench import Bench
 from beltcomm.tuning.ground import SliderSetting

@@ -15,13 +15,12 @@ from beltcomm.virtual.emcy import Code, ErrorRegister
 from beltcomm.virtual.faults import Faults
 from beltcomm.virtual.foreign import profile_named
 from beltcomm.virtual.loops import Loops
-from beltcomm.virtual.motor import EMMS_AS_70, Nameplate
 from beltcomm.virtual.nmt import OPERATIONAL, PRE_OPERATIONAL, RESET_NODE, STOPPED, Nmt
 from beltcomm.virtual.pdo import PdoSet
 from beltcomm.virtual.profiles import with_gain_units
 from beltcomm.virtual.sdo import SdoServer, abort_of, begun_transfer
 from beltcomm.virtual.servo import Servo
-from beltcomm.virtual.stage import Encoder, PowerStage
+from beltcomm.virtual.stage import EMMS_AS_70, Encoder, Nameplate, PowerStage
 
 _SYNC, _EMCY, _SDO_ANSWER, _SDO_REQUEST, _NODE_CONTROL = 0x80, 0x80, 0x580, 0x600, 0x700
 #: Objects that tell the cycle of the loops, us.

@@ -18,10 +18,10 @@ from beltcomm.control import Cascade, Feedforward
 from beltcomm.errors import UsageError
 from beltcomm.plant.drive_section import IDEAL, Instruments
 from beltcomm.virtual.dictionary import ObjectDictionary, ObjectRow
-from beltcomm.virtual.motor import EMMS_AS_70, Nameplate
 from beltcomm.virtual.objects import PDO_COUNT, PDO_INVALID, PDO_NO_RTR, parameter
 from beltcomm.virtual.pdo import EVERY_TYPE, PdoRules
 from beltcomm.virtual.profiles import PROFILES, UserUnits, VirtualProfile, generic_rows, signs
+from beltcomm.virtual.stage import EMMS_AS_70, Nameplate
 
 _RPM_PER_RAD_S = 30.0 / math.pi
 _KEYS = frozenset(
@@ -247,7 +247,7 @@ def _changed(rows: list[ObjectRow], facts: Mapping[str, Any], node_id: int, moto
         index, subindex = place(text)
         for where in [w for w in found if w[0] == index and (":" not in str(text) or w[1] == subindex)]:
             found[where] = replace(found[where], access="none")
-    _shape_pdos(found, facts.get("pdo", {}), node_id)
+    _shape_pdos(found, facts.get("pdo", {}))
     return list(found.values())
 
 
@@ -266,7 +266,7 @@ def _number(value: float | str | list[Any], motor: Nameplate, counts: int) -> fl
     return round(known[value[0]] * float(value[1]))
 
 
-def _shape_pdos(found: dict[Place, ObjectRow], pdo: Mapping[str, Any], node_id: int) -> None:
+def _shape_pdos(found: dict[Place, ObjectRow], pdo: Mapping[str, Any]) -> None:
     """PDOs of the drive: their number, which are valid at boot, which of their parameters a master may write."""
     entries = pdo.get("entries", 8)
     valid = {str(text) for text in pdo.get("valid", ())}

@@ -12,8 +12,8 @@ from dataclasses import replace
 from beltcomm.control import begin_ramp, cascade_step, discrete_coefficients, new_state, reset_state, velocity_step
 from beltcomm.virtual.dictionary import ObjectDictionary, ObjectEntry
 from beltcomm.virtual.faults import Faults
-from beltcomm.virtual.motor import Nameplate
 from beltcomm.virtual.profiles import VirtualProfile
+from beltcomm.virtual.stage import Nameplate
 
 #: Below this speed the axis counts as standing: five encoder counts per tick at 65536 counts per revolution.
 STANDSTILL_RAD_S = 0.5

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Literal
 
 from beltcomm.virtual.dictionary import ObjectRow
-from beltcomm.virtual.motor import Nameplate
+from beltcomm.virtual.stage import Nameplate
 
 PDO_COUNT = 4
 PDO_INVALID = 1 << 31

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from beltcomm.control import Cascade, Feedforward, Prefilter, PrefilterKind
 from beltcomm.plant.drive_section import IDEAL, Instruments
 from beltcomm.virtual.dictionary import ObjectDictionary, ObjectRow
-from beltcomm.virtual.motor import Nameplate
 from beltcomm.virtual.objects import communication_rows, drive_rows, motion_rows, parameter, pdo_rows, standard_rows
 from beltcomm.virtual.pdo import EVERY_TYPE, PdoRules
+from beltcomm.virtual.stage import Nameplate
 
 _RPM_PER_RAD_S = 30.0 / math.pi
 _NYQUIST_RAD_S = 3141.0  # just below π/T of the 1 ms loops

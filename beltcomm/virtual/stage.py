@@ -1,9 +1,10 @@
-"""Power stage, motor current and encoder: all that touches the machine."""
+"""Power stage, motor with its nameplate, its current, and encoder: all that touches the machine."""
 
 from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,8 +12,41 @@ from beltcomm.errors import UsageError
 from beltcomm.plant import BrakedPlant, Plant
 from beltcomm.plant.drive_section import IDEAL, Instruments
 from beltcomm.virtual.faults import Faults
-from beltcomm.virtual.motor import Nameplate
 from beltcomm.virtual.torque_path import Noise, TorqueDelivery, TorqueReading, mean_torque
+
+
+@dataclass(frozen=True)
+class Nameplate:
+    """Nameplate of a servo motor.
+
+    Attributes
+    ----------
+    rated_torque_nm, peak_torque_nm : float, N m
+    rated_current_a : float
+        A rms.
+    max_speed_rpm : float
+        1/min.
+    """
+
+    rated_torque_nm: float
+    peak_torque_nm: float
+    rated_current_a: float
+    max_speed_rpm: float
+
+    @property
+    def torque_constant_nm_a(self) -> float:
+        """Torque per current, N m/A."""
+        return self.rated_torque_nm / self.rated_current_a
+
+    @property
+    def peak_permille(self) -> int:
+        """Peak torque in 0.1 % of the rated torque; equally the peak current."""
+        return round(1000.0 * self.peak_torque_nm / self.rated_torque_nm)
+
+
+#: EMMS-AS-70-S-LS-RMB of the thesis's rig (table A.1).
+EMMS_AS_70 = Nameplate(rated_torque_nm=1.43, peak_torque_nm=3.10, rated_current_a=2.2, max_speed_rpm=6300.0)
+
 
 # The motor carries its peak torque from cold for this long (6410h:3 of the CMMP-AS, default 2000 ms).
 I2T_TIME_S = 2.0

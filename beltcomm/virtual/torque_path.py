@@ -11,9 +11,9 @@ from collections.abc import Iterable
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from beltcomm.arrays import Array
 from beltcomm.plant.drive_section import Instruments
 
 Pieces = list[tuple[float, float]]
@@ -130,7 +130,7 @@ class TorqueDelivery:
         *inner, asked = self._state.tolist()
         return all(value == asked for value in inner)
 
-    def _solve(self, share: float, count: int) -> NDArray[np.float64]:
+    def _solve(self, share: float, count: int) -> Array:
         """Means of ``count`` equal pieces and the state at their end, linear in (x, u, slope).   (count + order + 1, order + 2)."""
         size = self._order + 2
         step = expm(self._rates * (share / count))
@@ -142,7 +142,7 @@ class TorqueDelivery:
         return np.vstack([*rows, advance[:-1]])
 
 
-def _rate_matrix(instruments: Instruments, tick_s: float, current_loop: bool) -> NDArray[np.float64]:
+def _rate_matrix(instruments: Instruments, tick_s: float, current_loop: bool) -> Array:
     """d/dt of (x, u, slope of u, integral of y), time in ticks."""
     stages: list[tuple[float, ...]] = []
     if instruments.setpoint_filter_s > 0.0:

@@ -18,7 +18,7 @@ import math
 from collections import deque
 from collections.abc import Mapping
 
-from beltcomm.identify.course import NORMAL
+from beltcomm.model.value import NORMAL_95
 from beltcomm.watching.estimates import ERROR, FEWEST, POOL, MoveEstimate, Standing, State, pooled
 from beltcomm.watching.judge import JudgedMove
 from beltcomm.watching.limits import UNKNOWN, USUAL, Limit
@@ -93,7 +93,7 @@ class AxisDrift:
         if len(last) < FEWEST:
             return Standing(key, reference, base, math.nan, math.nan, low, high, why, "few")
         value, interval = pooled(key, last)
-        deviation = math.hypot(interval, against.interval) / NORMAL
+        deviation = math.hypot(interval, against.interval) / NORMAL_95
         off = value - against.value
         if key == ERROR:
             off = max(off, 0.0)  # less than the noise is no news

@@ -10,7 +10,8 @@ from typing import Literal
 import numpy as np
 from scipy.special import stdtrit
 
-from beltcomm.identify.course import NORMAL
+from beltcomm.arrays import robust_deviation
+from beltcomm.model.value import NORMAL_95
 
 State = Literal["few", "steady", "changed", "alarm"]
 
@@ -82,10 +83,10 @@ def pooled(key: str, told: Sequence[MoveEstimate]) -> tuple[float, float]:
 
 def _mean(last: Sequence[MoveEstimate]) -> tuple[float, float]:
     values, halves = np.array([one.value for one in last]), np.array([max(one.interval, 1e-300) for one in last])
-    weights = (NORMAL / halves) ** 2
+    weights = (NORMAL_95 / halves) ** 2
     value = float(np.sum(weights * values) / np.sum(weights))
     square = float(np.sum(weights * (values - value) ** 2)) / (len(values) - 1)
-    wide = max(NORMAL, float(stdtrit(len(values) - 1, 0.975)) * math.sqrt(square))
+    wide = max(NORMAL_95, float(stdtrit(len(values) - 1, 0.975)) * math.sqrt(square))
     return value, wide / math.sqrt(float(np.sum(weights)))
 
 
@@ -94,5 +95,5 @@ def _median(last: Sequence[MoveEstimate]) -> tuple[float, float]:
     values = np.array([one.value for one in last])
     middle = float(np.median(values))
     own = float(np.median([one.interval for one in last]))
-    scatter = NORMAL * 1.4826 * float(np.median(np.abs(values - middle)))
+    scatter = NORMAL_95 * robust_deviation(values - middle)
     return middle, math.sqrt(0.5 * math.pi / len(values)) * max(own, scatter)

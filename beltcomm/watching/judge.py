@@ -17,10 +17,10 @@ from beltcomm.errors import DataError
 from beltcomm.fit.estimate import Fitted, evaluate_at, fit, problem_of
 from beltcomm.fit.records import Data, prepare_records
 from beltcomm.fit.uncertainty.intervals import parameter_spread
-from beltcomm.identify.course import NORMAL
-from beltcomm.laboratory.forward_selection import bic_penalty, may_add
 from beltcomm.laboratory.score import Scorer, ground_of
+from beltcomm.laboratory.selection import bic_penalty, may_add
 from beltcomm.model import Model
+from beltcomm.model.value import NORMAL_95
 from beltcomm.recording import Recording
 from beltcomm.rundata.fitted_run import Opened
 from beltcomm.simulate.stopping import total_friction, total_viscous
@@ -194,7 +194,7 @@ class Judge:
         off = None
         if move.reference_position is not None:
             off = ratio * float(np.max(np.abs(move.reference_position - move.position)))
-        chance = NORMAL * fitted.ratio / math.sqrt(2.0 * fitted.problem.samples)
+        chance = NORMAL_95 * fitted.ratio / math.sqrt(2.0 * fitted.problem.samples)
         return JudgedMove(fitted.ratio, chance, found, places, ratio * float(np.ptp(move.position)), float(move.t_s[-1] - move.t_s[0]), off)
 
     def _told(self, fitted: Fitted) -> dict[str, MoveEstimate]:

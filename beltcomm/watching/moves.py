@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, runs_of
 
 Columns = Mapping[str, NDArray[Any]]
 
@@ -81,9 +81,8 @@ def moves_in(stretch: StreamPart, after_s: float, ended: bool) -> tuple[list[Mov
         turns = np.abs(position[span:] - position[:-span]) > TREMBLE * step
         turned[span:] |= turns
         turned[:-span] |= turns
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], turned, [False])).astype(np.int8)))
     pairs: list[list[int]] = []
-    for begin, end in edges.reshape(-1, 2).tolist():
+    for begin, end in runs_of(turned):
         if pairs and t_s[begin] - t_s[pairs[-1][1] - 1] < REST_S:
             pairs[-1][1] = end
         else:

@@ -15,8 +15,9 @@ import numpy as np
 
 from beltcomm.arrays import Array
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.residual.segment import Segment, in_noise
-from beltcomm.identify.course import NORMAL
+from beltcomm.fit.residual.segment import Segment
+from beltcomm.fit.residual.whitened import in_noise
+from beltcomm.model.value import NORMAL_95
 from beltcomm.watching.estimates import POOL, MoveEstimate, Standing, State, pooled
 from beltcomm.watching.limits import Limit
 
@@ -55,7 +56,7 @@ def friction_at_places(fitted: Fitted, width_m: float) -> dict[int, MoveEstimate
     lone = np.sum(near.beside(columns) ** 2, axis=0)  # what tells of each beside everything that ages
     every = near.best(columns=columns)
     rest = near.predicted_residual(columns @ every.amounts, every.step)  # friction another one everywhere
-    wide = NORMAL * max(1.0, float(np.sqrt(np.mean(rest**2))))
+    wide = NORMAL_95 * max(1.0, float(np.sqrt(np.mean(rest**2))))
     found = {}
     for number, column, information in zip(told, columns.T, lone, strict=True):
         if information > 0.0:
@@ -117,7 +118,7 @@ class PlaceDrift:
             if len(last) >= FEWEST_CROSSINGS:
                 base, (value, interval) = self._base[number], pooled(PLACE, last)
                 half = math.hypot(interval, base.interval)
-                grown.append((NORMAL * (value - base.value) / half, number, value - base.value, half))
+                grown.append((NORMAL_95 * (value - base.value) / half, number, value - base.value, half))
         if not grown:
             return Standing(PLACE, friction, None, math.nan, math.nan, low, high, why, "few")
         alarmed = [one for one in grown if high is not None and friction.value + one[2] - one[3] > high and one[0] > SURE]

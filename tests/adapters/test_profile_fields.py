@@ -16,8 +16,8 @@ from adapters.test_trial import FixedMapping, objects_with_four
 from beltcomm.drive import StatedReading
 from beltcomm.drive.access import able
 from beltcomm.errors import Refused, UsageError
+from beltcomm.fit.torque.acting_torque import stated_remarks
 from beltcomm.fit.torque.path import DriveLaw, Lag, ReadingLaw, TorquePath
-from beltcomm.fit.torque.stated_reading import stated_remarks
 from beltcomm_adapters.locks import ALWAYS
 from beltcomm_adapters.profiles import load_profile
 

@@ -10,9 +10,8 @@ import pytest
 
 from beltcomm.drive import Limits, Motion
 from beltcomm_adapters import sync_source
-from beltcomm_adapters.canopen import CanopenDrive
+from beltcomm_adapters.canopen import CanopenDrive, LoggedBus
 from beltcomm_adapters.link import Link
-from beltcomm_adapters.logged import LoggedBus
 from tests.adapters.stub_node import StubBus, StubNode
 
 

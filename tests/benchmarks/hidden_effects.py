@@ -41,10 +41,10 @@ from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.start.model import start_model
 from beltcomm.fit.uncertainty.intervals import parameter_spread
 from beltcomm.laboratory.diagnosis import Diagnosis, diagnose, fit_base_of
-from beltcomm.laboratory.forward_selection import with_effect
 from beltcomm.laboratory.run_checks import check_run
 from beltcomm.laboratory.scope import restrict_to_scope
 from beltcomm.laboratory.score import ground_of
+from beltcomm.laboratory.selection import with_effect
 from beltcomm.runfolder import RunFolder
 from truth.hidden import Machine, draw
 from truth.hidden.catalogue import EFFECTS

@@ -19,8 +19,8 @@ from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory.acceptance import EVIDENCE
 from beltcomm.laboratory.diagnosis import fit_base_of
-from beltcomm.laboratory.forward_selection import bic_penalty
 from beltcomm.laboratory.score import Scorer, ground_of
+from beltcomm.laboratory.selection import bic_penalty
 from beltcomm.laboratory.visible import detection_limits
 from beltcomm.runfolder import RunFolder
 from truth.hidden import draw, write_session

@@ -15,7 +15,7 @@ from beltcomm.axis import load_axis
 from beltcomm.errors import BeltcommError
 from beltcomm.runfolder import RunFolder
 from beltcomm.simulate.stopping import first_deceleration
-from beltcomm.virtual.motor import EMMS_AS_70
+from beltcomm.virtual.stage import EMMS_AS_70
 from campaign.cases import COMMANDS, RECORDING, REWRITTEN, Case, standing_s
 from campaign.disk import Disk
 from campaign.rig import STANDING_M_S, START_M, TICK_S, Outcome, Rig, variant_of

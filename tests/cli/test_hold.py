@@ -45,7 +45,7 @@ def test_a_key_that_repeats_is_held_until_it_stops(monkeypatch: pytest.MonkeyPat
     hand = Hand([0.1 * k for k in range(1, 31)])  # for three seconds
     assert hand.key.begin()
     assert hand.said == ["Hold the space bar as long as the axis may move; letting go stops it."]
-    released_s = next(hand.now_s for _ in range(1000) if not hand.key.held())
+    released_s = next(hand.now_s for _ in range(1000) if not hand.key.pressed())
     assert 3.0 + 0.5 <= released_s <= 3.0 + 0.5 + 0.1
 
 

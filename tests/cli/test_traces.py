@@ -21,8 +21,7 @@ from beltcomm.jobs.bundle import VERSIONS, bundle, scrubbed, write_bundle
 from beltcomm.rundata import buslog
 from beltcomm.rundata.buslog import BusLog, Frame, is_cyclic
 from beltcomm.virtual.faults import Faults
-from beltcomm_adapters.canopen import connect
-from beltcomm_adapters.logged import LoggedBus
+from beltcomm_adapters.canopen import LoggedBus, connect
 
 AXIS = "egc-70-600"
 

@@ -16,7 +16,7 @@ from beltcomm.design.led_reference import can_lead, led_reference
 from beltcomm.errors import Refused
 from beltcomm.identify.led_gains import gain_factors
 from beltcomm.model import load_plant
-from beltcomm.simulate.setpoints import SetpointGrid
+from beltcomm.simulate.loop import SetpointGrid
 from beltcomm.trajectory import Trajectory, plan_trajectory, with_dwell
 from beltcomm.verify import REST_S, Loop, predict_move, tracking_error
 

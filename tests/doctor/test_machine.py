@@ -12,11 +12,10 @@ import pytest
 from beltcomm.drive.finding import Finding
 from beltcomm_adapters.buses import Address
 from beltcomm_adapters.examination import surroundings as module
-from beltcomm_adapters.examination.errors import trouble_of, worst
 from beltcomm_adapters.examination.host import Host, SerialPortInfo
 from beltcomm_adapters.examination.host import ports as real_ports
 from beltcomm_adapters.examination.surroundings import detected, importable, surroundings
-from beltcomm_adapters.examination.wire import bit_rates, socketcan
+from beltcomm_adapters.examination.wire import bit_rates, socketcan, trouble_of, worst
 from doctor.setups import LINK, Bench, CurrentClock, SickBus
 
 

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beltcomm.encoder.edges import Edges, Flaws, edges_of
+from beltcomm.encoder.edges import Edges, Flaws, count_increments, edges_of
 from beltcomm.encoder.kernel import COUNT, GAP, INCREMENTS, INVALID, PREVIOUS, STATE, STEPS, new_decoder, take_edge, take_stretch
-from beltcomm.encoder.quadrature import count_increments
 from beltcomm.errors import DataError
 
 FORWARD = [(0, 0), (1, 0), (1, 1), (0, 1)]  # S1 to S4; A leads

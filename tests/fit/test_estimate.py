@@ -12,7 +12,7 @@ from beltcomm.fit.estimate import AT_A_TIME, Fitted, fit, problem_of, resume_fit
 from beltcomm.fit.likelihood.problem import Problem, hopeless
 from beltcomm.fit.records import Data, prepare
 from beltcomm.fit.start.model import start_model
-from beltcomm.laboratory import backward_elimination
+from beltcomm.laboratory import selection
 from beltcomm.laboratory.acceptance import drop_by, most_within
 from beltcomm.model import Model
 from beltcomm.runfolder import RunFolder
@@ -94,10 +94,10 @@ def test_a_refit_without_an_earlier_effect_is_told_from_where_on_it_matters(
         goals.append(goal)
         return begun
 
-    monkeypatch.setattr(backward_elimination, "fit_of", without_it)
+    monkeypatch.setattr(selection, "fit_of", without_it)
     smaller = begun.model.without_effect("backlash")
     grown = replace(begun, model=begun.model.with_values({"backlash.gap": gap_m}, "test").with_effect("cogging"))
-    backward_elimination.drop_superfluous(data, grown, smaller, "cogging")
+    selection.drop_superfluous(data, grown, smaller, "cogging")
     assert [goal < np.inf for goal in goals] == [told]
 
 

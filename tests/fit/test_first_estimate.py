@@ -9,8 +9,7 @@ import pytest
 
 from beltcomm.axis import axis_from_dict, load_axis
 from beltcomm.errors import DataError, UsageError
-from beltcomm.fit.start.first_estimate import data_sheet_model, first_estimate, stiffness_range
-from beltcomm.fit.start.first_path import first_path
+from beltcomm.fit.start.first_estimate import data_sheet_model, first_estimate, first_path, stiffness_range
 from beltcomm.model import Model
 from identify.records import COUNTS, Recorder, true_model
 from truth.rigs import Rig, draw

@@ -12,13 +12,14 @@ import pytest
 
 from beltcomm.effects import effect_named
 from beltcomm.fit import estimate as fitting
-from beltcomm.fit.gap_valley import STIFFNESS, along_gap_valley
 from beltcomm.fit.likelihood.problem import Problem
 from beltcomm.fit.records import Data, prepare, remade, with_process_noise
 from beltcomm.fit.residual.observer import settling_samples, stiffest
-from beltcomm.fit.residual.segment import Segment, evaluate, in_noise, whitened_residual, with_observer
+from beltcomm.fit.residual.segment import Segment
+from beltcomm.fit.residual.whitened import evaluate, in_noise, whitened_residual, with_observer
 from beltcomm.fit.start.model import start_model
-from beltcomm.laboratory.forward_selection import candidate
+from beltcomm.laboratory.gaps import STIFFNESS, along_gap_valley
+from beltcomm.laboratory.selection import candidate
 from beltcomm.model import Model, build_model
 from beltcomm.runfolder import RunFolder
 from truth.hidden import draw, write_session

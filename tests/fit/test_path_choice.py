@@ -149,7 +149,7 @@ def test_a_drive_that_switches_between_samples_is_the_drives() -> None:
     assert fit.path.drive.delay == pytest.approx(1.57, abs=0.01)
     assert_right(fit, truth)
     untold = fitted([replace(r, torque_setpoint=None) for r in records], truth)
-    assert untold.path.unseen
+    assert untold.path.without_setpoint
     assert untold.path.drive is not None
     assert untold.path.drive.delay_s(PERIOD_S) == pytest.approx(0.57 * PERIOD_S, abs=0.02 * PERIOD_S)
     assert_right(untold, truth)

@@ -8,7 +8,7 @@ from scipy.integrate import quad
 
 from beltcomm.fit.residual.reversals import find_passages, reversal_correction, samples_at
 from beltcomm.simulate.inverse import FineMotion
-from beltcomm.simulate.kernels.mean import triangular_mean
+from beltcomm.simulate.kernels.pieces import triangular_mean
 
 SAMPLE_S, SUBSTEPS, RATIO = 1e-3, 16, 0.0125
 BEFORE, AFTER = 3000.0, 2000.0  # rad/s²: dry friction helps to stop and hinders to start

@@ -14,7 +14,7 @@ from beltcomm.fit.estimate import problem_of
 from beltcomm.fit.model_fit import ModelFit, fit_model
 from beltcomm.fit.records import prepare_records
 from beltcomm.fit.residual.rounding_bias import RoundingBias
-from beltcomm.fit.residual.segment import evaluate
+from beltcomm.fit.residual.whitened import evaluate
 from beltcomm.fit.torque.path import FAITHFUL, DriveLaw, TorquePath
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording

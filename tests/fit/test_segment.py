@@ -11,15 +11,9 @@ from numpy.typing import NDArray
 
 from beltcomm.fit.noise.propagation import NoiseSchedule, noise_path, noise_schedule
 from beltcomm.fit.noise.whitening import whitener
-from beltcomm.fit.residual.segment import (
-    STICK_SPEED_RAD_S,
-    Segment,
-    evaluate,
-    noise_paths_of,
-    segments,
-    whitened_residual,
-)
+from beltcomm.fit.residual.segment import STICK_SPEED_RAD_S, Segment, segments
 from beltcomm.fit.residual.usable_samples import RUN_IN_S, RUN_IN_TRAVEL_M, resting_samples, run_in_samples
+from beltcomm.fit.residual.whitened import evaluate, noise_paths_of, whitened_residual
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
 from beltcomm.simulate.inverse import FineMotion, interpolate, torque_residuals

@@ -7,7 +7,7 @@ import pytest
 
 from beltcomm.fit.noise.propagation import noise_schedule
 from beltcomm.fit.noise.whitening import whitener
-from beltcomm.fit.residual.slack_strand import stiffness_left
+from beltcomm.fit.residual.whitened import stiffness_left
 from beltcomm.model import Model, build_model
 from beltcomm.simulate.inverse import FineMotion, torque_residuals
 

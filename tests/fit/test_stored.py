@@ -14,8 +14,8 @@ from beltcomm.axis import load_axis
 from beltcomm.errors import BeltcommError
 from beltcomm.fit.estimate import evaluate_at
 from beltcomm.fit.model_fit import ModelFit, fit_model
-from beltcomm.fit.stored import key_of, key_of_model, restore_fit, store_fit
 from beltcomm.recording import Recording
+from beltcomm.rundata.kept import key_of, key_of_model, restore_fit, store_fit
 from identify.records import COUNTS, Recorder, true_model
 from truth.rigs import draw
 

@@ -17,9 +17,9 @@ from beltcomm.fit.noise.colour import NoiseColour
 from beltcomm.fit.noise.process_torque import ProcessTorque, spectral_factor, with_unread
 from beltcomm.fit.path_fit.sensor_noise import NoiseSplit, split_noise
 from beltcomm.fit.records import prepare_records
-from beltcomm.fit.stored import restore_fit, store_fit
 from beltcomm.fit.torque.path import DriveLaw, Lag, ReadingLaw, TorquePath, path_from_dict, path_to_dict
 from beltcomm.recording import Recording
+from beltcomm.rundata.kept import restore_fit, store_fit
 from beltcomm.sentences.torque_path import process_lines
 from identify.records import COUNTS, PERIOD_S, Recorder, true_model
 from truth.rigs import draw

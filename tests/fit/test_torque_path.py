@@ -11,7 +11,7 @@ import pytest
 from scipy.signal import lfilter
 
 from beltcomm.fit.torque.path import FAITHFUL, DriveLaw, Lag, ReadingLaw, TorquePath, path_from_dict, path_to_dict, torque_at
-from beltcomm.simulate.intersample import CELLS
+from beltcomm.simulate.imperfect import CELLS
 from fit.drives import FINE, behind, first_order, held, second_order, smoothed
 
 SAMPLE_S = 1e-3
@@ -159,22 +159,22 @@ UNSEEN: list[tuple[TorquePath, Callable[[np.ndarray], np.ndarray], Callable[[np.
     ),
     (TorquePath(None, ReadingLaw(1.0)), in_order, lambda y: later(y, 1.0).mean(axis=1)),
     (
-        TorquePath(DriveLaw(0.0, (Lag("first order", (0.4e-3,)),)), unseen=True),
+        TorquePath(DriveLaw(0.0, (Lag("first order", (0.4e-3,)),)), without_setpoint=True),
         lambda u: behind(held(u, 0.0), SAMPLE_S, *first_order(0.4e-3)),
         lambda y: y.mean(axis=1),
     ),
-    (TorquePath(DriveLaw(0.35), unseen=True), lambda u: held(u, 0.35), lambda y: y.mean(axis=1)),
+    (TorquePath(DriveLaw(0.35), without_setpoint=True), lambda u: held(u, 0.35), lambda y: y.mean(axis=1)),
     (
-        TorquePath(DriveLaw(0.0, (Lag("second order", (700.0, 0.6)),)), ReadingLaw(0.25, at_end=True), unseen=True),
+        TorquePath(DriveLaw(0.0, (Lag("second order", (700.0, 0.6)),)), ReadingLaw(0.25, at_end=True), without_setpoint=True),
         lambda u: behind(held(u, 0.0), SAMPLE_S, *second_order(700.0, 0.6)),
         lambda y: at_share(y, 0.75),
     ),
     (
-        TorquePath(DriveLaw(0.4, (Lag("first order", (0.3e-3,)),)), ReadingLaw(0.2, (Lag("sampled", (0.4,)),)), unseen=True),
+        TorquePath(DriveLaw(0.4, (Lag("first order", (0.3e-3,)),)), ReadingLaw(0.2, (Lag("sampled", (0.4,)),)), without_setpoint=True),
         lambda u: behind(held(u, 0.4), SAMPLE_S, *first_order(0.3e-3)),
         lambda y: smoothed(later(y, 0.2).mean(axis=1), 0.4),
     ),
-    (TorquePath(DriveLaw(0.0), ReadingLaw(0.7), unseen=True), in_order, lambda y: later(y, 0.7).mean(axis=1)),
+    (TorquePath(DriveLaw(0.0), ReadingLaw(0.7), without_setpoint=True), in_order, lambda y: later(y, 0.7).mean(axis=1)),
 ]
 
 
@@ -214,7 +214,7 @@ def test_noise_of_an_undone_reading_is_as_large_and_coloured_as_is_said(path: To
 
 def test_a_law_that_lets_a_frequency_vanish_cannot_be_undone() -> None:
     """Half of each of two neighbours is read: at half the sampling frequency nothing."""
-    path = TorquePath(DriveLaw(0.0), ReadingLaw(0.5), unseen=True)
+    path = TorquePath(DriveLaw(0.0), ReadingLaw(0.5), without_setpoint=True)
     assert not path.can_be_undone(SAMPLE_S)
     with pytest.raises(ValueError, match=r"at a frequency; at least 0\.02 is needed"):
         path.acting_noise(0.0, SAMPLE_S)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from beltcomm.excitation import prbs
-from beltcomm.fit.start.undersampled import BEFORE, LATE_S, clearly_moves, comes_seldom, estimate, first_of_seldom
+from beltcomm.fit.start.undersampled import BEFORE, LATE_S, NO_PASSES, SteadyPasses, clearly_moves, comes_seldom, estimate, first_of_seldom
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar
@@ -130,3 +130,25 @@ def test_what_a_model_holds_is_not_sought() -> None:
     assert found.model[stiffness] == start[stiffness]
     assert stiffness not in found.names
     assert "cart.mass" in found.names
+
+
+def test_strokes_at_constant_speed_tell_the_friction_that_such_rows_mistake() -> None:
+    """Here the drive gives less torque than is asked for, so that the rows alone mistake the friction."""
+    random = np.random.default_rng(11)
+    truth = machine(random)
+    rows = record(truth, 4e-3, 8e-4, random)
+    assert rows.torque_setpoint is not None
+    rows = replace(rows, torque_setpoint=rows.torque_setpoint / 0.97)
+    speed = np.array([8.0, -8.0, 16.0, -16.0, 24.0, -24.0])
+    level = truth["coulomb.level"] + RATIO * truth["cart_friction.level"]
+    passes = SteadyPasses(speed, level * np.sign(speed) + truth["viscous.damping"] * speed, np.full(6, 1e-3))
+    start = first_of_seldom([rows], sheets(truth))
+    alone, with_them = (estimate([rows], start, LATE_S, passes=given).model for given in (NO_PASSES, passes))
+
+    def off(model: Model) -> float:
+        return abs(model["coulomb.level"] + RATIO * model["cart_friction.level"] + 16.0 * model["viscous.damping"] - passes.torque_nm[2])
+
+    assert off(with_them) < 0.75 * off(alone)
+    held = with_them.parameters["viscous.damping"]
+    assert held.interval is not None
+    assert abs(held.value - truth["viscous.damping"]) < 2.0 * held.interval

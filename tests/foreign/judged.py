@@ -1,6 +1,6 @@
 """Real measurements: run folders by the recipe of docs/import.md, and errors that do not depend on the laboratory's noise.
 
-record_error : the product's own, ``laboratory.plain_error``; EMPS up to 40 Hz, where its authors decimate by 10 forward and backward.
+record_error : the product's own, ``laboratory.compare``; EMPS up to 40 Hz, where its authors decimate by 10 forward and backward.
 response_error : of the motor's angle at the excited lines, mean over the periods behind the transient, rms over rms.
 """
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from beltcomm.cli.main import cli
 from beltcomm.fit.band_error import Banded, in_band, low_passed
 from beltcomm.fit.residual.segment import Segment, segments
-from beltcomm.laboratory.plain_error import plain_error
+from beltcomm.laboratory.compare import plain_error
 from beltcomm.model import Model
 from beltcomm.model.linear import operating_point, state_space
 from beltcomm.recording import Recording

@@ -14,7 +14,7 @@ from beltcomm.cli.main import cli
 from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign import apart
 from beltcomm.foreign.files import read_table
-from beltcomm.foreign.mdf import read_mdf
+from beltcomm.foreign.optional_formats import read_mdf
 from beltcomm.runfolder import RunFolder
 from foreign.makers import mdf_file
 from foreign.samples import COUNTS, swing

@@ -20,8 +20,7 @@ from beltcomm.foreign.guess import NeedsAnswers, completed, guesses_for
 from beltcomm.foreign.plausibility import findings
 from beltcomm.foreign.relations import relations
 from beltcomm.foreign.table import Table
-from beltcomm.laboratory.cross_checks import sheet_doubts
-from beltcomm.laboratory.second_sensor import second_sensor
+from beltcomm.laboratory.cross_checks import second_sensor, sheet_doubts
 from beltcomm.model import build_model, load_plant
 from beltcomm.recording import Recording
 from beltcomm.recording.checks import MOST_JUDGED, livelier, rigid_inertia

@@ -33,7 +33,7 @@ from beltcomm.recording.sidecar import load_sidecar
 from beltcomm.response import FrequencyResponse
 from beltcomm.rundata import backups
 from beltcomm.rundata.calibration import calibration_from_dict
-from beltcomm.rundata.kept_result import kept_or_new
+from beltcomm.rundata.kept import kept_or_new
 from beltcomm.rundata.revisions import revisions
 from beltcomm.rundata.store import cascade_from_dict, structure_from_dict
 from beltcomm.runfolder import RunFolder

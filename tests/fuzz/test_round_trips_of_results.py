@@ -22,7 +22,6 @@ from beltcomm.drive.objects import COMMANDS, TYPES, ObjectValue, bounds_of, obje
 from beltcomm.drive.parameters import PREFILTER_KINDS, cascade_to_parameters
 from beltcomm.experiments.first_motion import ConfirmedBounds
 from beltcomm.export.dcf import dcf_text
-from beltcomm.export.mcap import write_mcap
 from beltcomm.fit.torque.path import VALUES, DriveLaw, Lag, ReadingLaw, TorquePath, path_from_dict, path_to_dict
 from beltcomm.foreign.apart_reader import table_in
 from beltcomm.foreign.eds import load_object_file
@@ -30,6 +29,7 @@ from beltcomm.foreign.guess import completed, guesses_for, mappings_in, template
 from beltcomm.foreign.jsonfile import read_json
 from beltcomm.foreign.mapping import parse_source, sources_for
 from beltcomm.foreign.table import Table
+from beltcomm.jobs.export import write_mcap
 from beltcomm.recording import Recording
 from beltcomm.recording.columns import CHANNELS, KNOWN_COLUMNS, Side
 from beltcomm.recording.sidecar import Sidecar
@@ -63,7 +63,7 @@ def paths(draw: st.DrawFn, deep: int = 2) -> TorquePath:
     drive = DriveLaw(draw(st.floats(0, 20)), draw(lags()), draw(positive), draw(st.floats(0, 1))) if draw(st.booleans()) else None
     reading = ReadingLaw(draw(st.floats(0, 20)), draw(lags()), draw(st.booleans()))
     rivals = tuple(draw(st.lists(paths(deep - 1), max_size=2))) if deep else ()
-    return TorquePath(drive, reading, draw(st.booleans()), draw(st.floats(0, 1)), unseen=draw(st.booleans()), rivals=rivals)
+    return TorquePath(drive, reading, draw(st.booleans()), draw(st.floats(0, 1)), without_setpoint=draw(st.booleans()), rivals=rivals)
 
 
 @given(paths(), homes)

@@ -18,7 +18,6 @@ from beltcomm.axis import load_axis
 from beltcomm.configfiles import read_yaml, to_yaml, write_text
 from beltcomm.fit.estimate import evaluate_at, problem_of
 from beltcomm.fit.records import Data, prepare_records
-from beltcomm.fit.stored import restore_fit, store_fit
 from beltcomm.fit.torque.path import ReadingLaw, TorquePath
 from beltcomm.fit.uncertainty.nuisance import with_nuisance
 from beltcomm.jobs.bundle import VERSIONS, bundle
@@ -26,6 +25,7 @@ from beltcomm.model import load_plant
 from beltcomm.recording import Recording, load_recording, recording_from_columns, save_recording
 from beltcomm.recording.sidecar import Sidecar
 from beltcomm.result import plain
+from beltcomm.rundata.kept import restore_fit, store_fit
 from beltcomm.runfolder import RunFolder
 from beltcomm.study.file import load_study
 from beltcomm.study.job import line_text, read_members

@@ -37,7 +37,6 @@ def answered(
 @pytest.mark.parametrize("late", [0, 1, 4])
 def test_the_velocity_law_is_found_held_or_moving(inertia: float, late: int) -> None:
     found = velocity_law(answered(4.7e-3, 0.032, late, 6e-3, 1, inertia=inertia))
-    assert found.samples_late == late
     assert abs(found.gain.value - 4.7e-3) < found.gain.interval < 0.06 * 4.7e-3
     assert abs(found.integral_time_s.value - 0.032) < 1.5 * found.integral_time_s.interval < 0.012
 
@@ -51,7 +50,7 @@ def test_the_intervals_hold_what_they_promise() -> None:
 
 @pytest.mark.parametrize("inertia", [math.inf, 2e-3])
 def test_the_position_gain_is_found_above_it(inertia: float) -> None:
-    law = VelocityLaw(Gain(0.02, 2e-4), Gain(0.032, 0.0), 1)
+    law = VelocityLaw(Gain(0.02, 2e-4), Gain(0.032, 0.0))
     found = position_gain(answered(0.02, 0.032, 1, 6e-3, 2, kpp=25.0, inertia=inertia), law)
     assert abs(found.value - 25.0) < found.interval < 0.06 * 25.0
 

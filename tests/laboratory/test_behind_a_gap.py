@@ -16,8 +16,8 @@ from beltcomm.effects import AxisSummary, Effect, effect_named
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.records import Data, prepare
 from beltcomm.fit.start.model import start_model
-from beltcomm.laboratory.forward_selection import may_add, search
 from beltcomm.laboratory.score import Scored, Scorer, ground_of
+from beltcomm.laboratory.selection import may_add, search
 from beltcomm.runfolder import RunFolder
 from marks import quick
 from truth.hidden import Machine, draw, write_session

@@ -21,8 +21,8 @@ from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory.acceptance import EVIDENCE
 from beltcomm.laboratory.diagnosis import diagnose, fit_base_of
-from beltcomm.laboratory.forward_selection import expected_gain
 from beltcomm.laboratory.score import Scored, Scorer, ground_of
+from beltcomm.laboratory.selection import expected_gain
 from beltcomm.runfolder import RunFolder
 from beltcomm.simulate.imperfect import angle_sensor
 from beltcomm.simulate.inverse import reconstruct, true_motion

@@ -14,7 +14,7 @@ from beltcomm.effects import effect_named
 from beltcomm.fit.estimate import fit
 from beltcomm.fit.likelihood.free_parameters import free_parameters
 from beltcomm.fit.records import prepare
-from beltcomm.fit.residual.segment import evaluate
+from beltcomm.fit.residual.whitened import evaluate
 from beltcomm.fit.start.model import start_model
 from beltcomm.jobs.rungs import change_of
 from beltcomm.laboratory import law_shape

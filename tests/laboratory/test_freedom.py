@@ -14,9 +14,9 @@ from beltcomm.effects import effect_named
 from beltcomm.fit.estimate import fit
 from beltcomm.fit.records import prepare, with_process_noise
 from beltcomm.fit.start.model import start_model
-from beltcomm.laboratory import diagnosis, gap_evidence
-from beltcomm.laboratory.forward_selection import Candidate
-from beltcomm.laboratory.gap_evidence import gap_is_supported
+from beltcomm.laboratory import diagnosis, gaps
+from beltcomm.laboratory.gaps import gap_is_supported
+from beltcomm.laboratory.selection import Candidate
 from beltcomm.model import build_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.ladder import added_notes, trial_line
@@ -100,10 +100,10 @@ def test_a_gap_is_asked_about_no_longer_than_the_answer_needs(
         heard.append("stray")
         return data
 
-    monkeypatch.setattr(gap_evidence, "with_stray", lambda data, width: data)
-    monkeypatch.setattr(gap_evidence, "with_likeliest_stray", strayed)
-    monkeypatch.setattr(gap_evidence, "fit", fitted)
-    monkeypatch.setattr(gap_evidence, "exceeds_threshold", lambda grown, closed, times=1.0: closed.lead > times)
+    monkeypatch.setattr(gaps, "with_stray", lambda data, width: data)
+    monkeypatch.setattr(gaps, "with_likeliest_stray", strayed)
+    monkeypatch.setattr(gaps, "fit", fitted)
+    monkeypatch.setattr(gaps, "exceeds_threshold", lambda grown, closed, times=1.0: closed.lead > times)
     grown: Any = SimpleNamespace(model=BASE.with_effect("backlash", {"gap": 5e-5}))
     data: Any = None  # nothing is fitted
     assert gap_is_supported(data, grown, GAP) is answer
@@ -132,7 +132,7 @@ def searched(monkeypatch: pytest.MonkeyPatch, found: list[list[str]], own: Calla
         return (fitted(grown.model.without_effect("backlash")), ("backlash",)) if newest in alone else (grown, ())
 
     heard: list[Candidate] = []
-    monkeypatch.setattr(gap_evidence, "gap_is_supported", lambda _data, grown, _gap: own(grown.model))
+    monkeypatch.setattr(gaps, "gap_is_supported", lambda _data, grown, _gap: own(grown.model))
     monkeypatch.setattr(diagnosis, "find_candidates", search)
     monkeypatch.setattr(diagnosis, "drop_superfluous", superfluous)
     monkeypatch.setattr(diagnosis, "refit_with_rebuilt_motion", lambda data, grown, _iterations: (data, grown))
@@ -199,10 +199,10 @@ def test_it_is_said_why_a_gap_is_not_taken() -> None:
 def test_only_a_gap_behind_an_observer_can_be_one_that_a_straying_carriage_does_without(
     monkeypatch: pytest.MonkeyPatch, effect: str, beside: str, own: bool, strays: bool
 ) -> None:
-    monkeypatch.setattr(gap_evidence, "gap_is_supported", lambda *_: own)
+    monkeypatch.setattr(gaps, "gap_is_supported", lambda *_: own)
     grown: Any = SimpleNamespace(model=BASE.with_effect(effect).with_effect(beside))
     data: Any = None
-    assert gap_evidence.is_replaceable_gap(data, grown, effect_named(effect)) is strays
+    assert gaps.is_replaceable_gap(data, grown, effect_named(effect)) is strays
 
 
 def test_who_adds_such_a_gap_is_told() -> None:

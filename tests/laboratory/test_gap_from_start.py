@@ -9,7 +9,7 @@ import pytest
 
 from beltcomm.effects import effect_named
 from beltcomm.laboratory.coupled_bodies import by_sections, stiffness_at, with_pulleys
-from beltcomm.laboratory.gap_from_start import FAR_OFF, as_started, gap_from_start, with_gap
+from beltcomm.laboratory.gaps import FAR_OFF, as_started, gap_from_start, with_gap
 from beltcomm.model import Model, load_plant
 
 #: A fit of a screw with a gap, astray: a load and a spring that are not there, and the torque late.

@@ -19,8 +19,8 @@ from beltcomm.fit.records import Data
 from beltcomm.fit.start.model import start_model
 from beltcomm.jobs.change import better, diagnosis_start
 from beltcomm.laboratory.diagnosis import Stage, find_shortcut, fit_base_of
-from beltcomm.laboratory.forward_selection import candidate, with_effect
 from beltcomm.laboratory.score import Scorer, ground_of
+from beltcomm.laboratory.selection import candidate, with_effect
 from beltcomm.laboratory.visible import detection_limits
 from beltcomm.rundata.revisions import revisions, trusted_model
 from beltcomm.runfolder import RunFolder

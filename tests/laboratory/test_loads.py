@@ -13,11 +13,10 @@ from click.testing import CliRunner, Result
 from beltcomm.axis.kinds import ARC_M
 from beltcomm.cli.main import cli
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.own_loads import own_loads
 from beltcomm.fit.uncertainty.intervals import with_intervals
 from beltcomm.model.value import Value
 from beltcomm.recording.signalfile import write_columns
-from beltcomm.rundata.fitted_run import open_fitted
+from beltcomm.rundata.fitted_run import open_fitted, own_loads
 from beltcomm.talk import Silence
 
 PERIOD_S, SUB, STEP = 1e-3, 20, math.tau / 65536

@@ -11,8 +11,8 @@ import pytest
 from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory import diagnosis
 from beltcomm.laboratory.diagnosis import as_searched, fit_base_of
-from beltcomm.laboratory.forward_selection import Candidate, fit_with_sheet_values
-from beltcomm.laboratory.gap_behind_delay import gap_with_delay
+from beltcomm.laboratory.gaps import gap_with_delay
+from beltcomm.laboratory.selection import Candidate, fit_with_sheet_values
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.diagnosis_data import ranked
 from beltcomm.sentences.ladder import trial_line

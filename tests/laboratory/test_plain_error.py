@@ -16,8 +16,8 @@ from beltcomm.fit.records import prepare
 from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory import acceptance
 from beltcomm.laboratory.acceptance import falls, is_confirmed
+from beltcomm.laboratory.compare import of_run, plain_error
 from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, diagnose, fit_base_of
-from beltcomm.laboratory.plain_error import of_run, plain_error
 from beltcomm.runfolder import RunFolder
 from foreign.judged import CASES, as_run
 

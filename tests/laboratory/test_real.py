@@ -14,8 +14,8 @@ from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory.acceptance import is_refuted
 from beltcomm.laboratory.cross_checks import map_checks, resonances
 from beltcomm.laboratory.diagnosis import fit_base_of, refit_with_rebuilt_motion
-from beltcomm.laboratory.forward_selection import search
 from beltcomm.laboratory.score import Scorer, ground_of
+from beltcomm.laboratory.selection import search
 from beltcomm.model import Model
 from beltcomm.runfolder import RunFolder
 from foreign.judged import COGGING, DATA, EMPS, banded_of, imported, least_squares, record_error, response_error

@@ -13,7 +13,7 @@ from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.records import Data
 from beltcomm.fit.torque.path import DriveLaw, Lag, TorquePath
 from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, Stage
-from beltcomm.laboratory.scope import OF_DRIVE, settled_loop, structure_of_rounding, unknown_delivery, without_names
+from beltcomm.laboratory.scope import OF_DRIVE, current_loop_within_sample, structure_of_rounding, unknown_delivery, without_names
 from beltcomm.laboratory.score import Scorer
 from beltcomm.model import build_model
 from beltcomm.recording import Recording
@@ -27,7 +27,7 @@ def test_a_lag_as_short_as_a_settled_current_loop_s_may_be_the_drive_s(period_s:
     base, lagging = (cast(Fitted, SimpleNamespace(model=m, ratio=2.0)) for m in (BASE, BASE.with_effect("current_lag", {"time": 2e-4})))
     data = cast(Data, SimpleNamespace(path=TorquePath(DriveLaw(1.0, lags)), recordings=[SimpleNamespace(sample_period_s=period_s)]))
     found = Diagnosis(base, data, (Stage(base, (), "current_lag", (), lagging),), "explained", (), cast(Scorer, None), data)
-    assert ("0.2 ms" in settled_loop(found)) == told
+    assert ("0.2 ms" in current_loop_within_sample(found)) == told
 
 
 @pytest.mark.parametrize(("step_rad", "level", "told"), [(6e-3, 1.0, True), (1e-6, 1.0, False), (6e-3, 1.5, False)])

@@ -15,12 +15,19 @@ from beltcomm.cli.talk import PlainTalk
 from beltcomm.effects import effect_named
 from beltcomm.fit.estimate import Fitted
 from beltcomm.jobs import effect_search, laboratory
-from beltcomm.laboratory import acceptance, backward_elimination, diagnosis
-from beltcomm.laboratory.acceptance import is_negligible, only_cancels, share_left
+from beltcomm.laboratory import acceptance, diagnosis, selection
+from beltcomm.laboratory.acceptance import (
+    KNOWN,
+    implausible_effects,
+    is_negligible,
+    only_cancels,
+    parameters_at_bounds,
+    share_left,
+    undetermined_effects,
+)
 from beltcomm.laboratory.diagnosis import Stage, verdict_of
-from beltcomm.laboratory.forward_selection import Candidate
-from beltcomm.laboratory.plausibility import KNOWN, implausible_effects, parameters_at_bounds, undetermined_effects
-from beltcomm.laboratory.residual_structure import excess, partitions
+from beltcomm.laboratory.samples import excess, partitions
+from beltcomm.laboratory.selection import Candidate
 from beltcomm.model import build_model
 from beltcomm.rundata.revisions import Revision
 from beltcomm.sentences import ladder
@@ -123,13 +130,13 @@ def kept_beside_slack(monkeypatch: pytest.MonkeyPatch, grown: Any, smaller: Any,
 
     smaller : its refit without the gap.   drop : by how much O falls from that to the model, nats.
     """
-    monkeypatch.setattr(backward_elimination, "rise_without", lambda _fitted: {})
-    monkeypatch.setattr(backward_elimination, "fit_of", lambda *_, **_options: smaller)
-    monkeypatch.setattr(backward_elimination, "problem_of", lambda *_: None)
-    monkeypatch.setattr(backward_elimination, "most_within", lambda *_: 0.0)
-    monkeypatch.setattr(backward_elimination, "drop_by", lambda *_: drop)
+    monkeypatch.setattr(selection, "rise_without", lambda _fitted: {})
+    monkeypatch.setattr(selection, "fit_of", lambda *_, **_options: smaller)
+    monkeypatch.setattr(selection, "problem_of", lambda *_: None)
+    monkeypatch.setattr(selection, "most_within", lambda *_: 0.0)
+    monkeypatch.setattr(selection, "drop_by", lambda *_: drop)
     data: Any = SimpleNamespace(fitted=(), held_out=())
-    return backward_elimination.drop_superfluous(data, grown, BASE, "belt_slack")
+    return selection.drop_superfluous(data, grown, BASE, "belt_slack")
 
 
 @pytest.mark.parametrize(("gap_m", "removed"), [(2e-8, ("backlash",)), (2e-5, ())])

@@ -17,7 +17,7 @@ from beltcomm import caches, machine_code
 from beltcomm.axis import load_axis
 from beltcomm.locks import changes_run
 from beltcomm.result import Result
-from beltcomm.rundata.kept_result import kept_or_new
+from beltcomm.rundata.kept import kept_or_new
 from beltcomm.runfolder import RunFolder
 from marks import quick
 

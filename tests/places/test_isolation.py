@@ -53,7 +53,7 @@ def test_importing_an_mdf_file_executes_nothing_that_lies_there(hostile: Path) -
         file.save(hostile / "log.mf4")
     done = python(
         hostile,
-        "from pathlib import Path; from beltcomm.foreign.mdf import read_mdf; print(sorted(read_mdf(Path('log.mf4')).columns))",
+        "from pathlib import Path; from beltcomm.foreign import optional_formats as f; print(sorted(f.read_mdf(Path('log.mf4')).columns))",
         PYTHONPATH=os.pathsep.join(filter(None, ["", os.environ.get("PYTHONPATH")])),  # an empty entry is the working directory
     )
     assert done.stdout == "['time', 'torque_nm']\n", done.stderr
@@ -71,7 +71,7 @@ def test_the_processes_of_a_study_execute_nothing_that_lies_there(hostile: Path)
 
 
 @pytest.mark.parametrize(
-    "module", quick(["compiled", "simulate.kernels.vectors", "simulate.kernels.fast_math", "simulate.kernels.addresses"], 1)
+    "module", quick(["compiled", "simulate.kernels.vectors", "simulate.kernels.fast_math", "simulate.kernels.vectors"], 1)
 )
 def test_numba_takes_no_settings_from_there(hostile: Path, tmp_path: Path, module: str) -> None:
     places = {"XDG_CACHE_HOME": str(tmp_path / "cache"), "NUMBA_CACHE_DIR": ""}

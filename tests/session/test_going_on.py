@@ -16,7 +16,7 @@ import yaml
 from beltcomm import api
 from beltcomm.axis import load_axis
 from beltcomm.errors import SafetyStop
-from beltcomm.excitation.asked import AS_CHOSEN
+from beltcomm.excitation.choice import AS_CHOSEN
 from beltcomm.experiments import commission, execute_step, recentre
 from beltcomm.experiments.options import claim
 from beltcomm.experiments.raising import as_made

@@ -23,8 +23,7 @@ from beltcomm.rundata.findings import Findings, Settings
 from beltcomm.rundata.proof import doubts
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.sequences import EXCITATION_TRAVEL_M
-from beltcomm.simulate.stop_out_of_move import OFF_THE_MODEL, StopOutOfMove
-from beltcomm.simulate.stopping import Braking
+from beltcomm.simulate.stopping import OFF_THE_MODEL, Braking, StopOutOfMove
 from beltcomm.talk import Silence
 from beltcomm.trajectory import Trajectory, plan_trajectory
 from identify.records import true_model
@@ -231,14 +230,14 @@ def test_a_move_is_slowed_down_or_refused_for_a_belt_that_swings(
         monkeypatch.setattr(
             verification,
             "predict_move",
-            lambda *args: replace(true(*args), belt_force_n=80.0 * float(np.max(np.abs(args[2].velocity_m_s)) / 1.0) ** 2),
+            lambda *args, **more: replace(true(*args, **more), belt_force_n=80.0 * float(np.max(np.abs(args[2].velocity_m_s)) / 1.0) ** 2),
         )
         monkeypatch.setattr(
             verification,
             "worst_stops",
             lambda *args: StopsOutOfMove(host_lost=lost_with(120.0 * float(np.max(np.abs(args[4].velocity_m_s))) ** 2)),
         )
-        lost = verification._kept_by_belt(machine, model, cascade, 1e-3)
+        lost = verification._kept_inside(machine, model, cascade, 1e-3)
         fastest = 120.0 * float(np.abs(lost.at(1.0, 1e-3).velocity_m_s).max()) ** 2
         assert 0.9 * 1.4 * 1.24 / 0.01242 < fastest <= 1.4 * 1.24 / 0.01242
         assert "a lost PC loads the belt beyond 140 N" in lost.remark
@@ -247,9 +246,9 @@ def test_a_move_is_slowed_down_or_refused_for_a_belt_that_swings(
             "worst_stops",
             lambda *args: StopsOutOfMove(asked_for=lost_with(100.0 * float(np.max(np.abs(args[4].velocity_m_s))) ** 2)),
         )
-        assert "a stop loads the belt beyond 1" in verification._kept_by_belt(machine, model, cascade, 1e-3).remark
+        assert "a stop loads the belt beyond 1" in verification._kept_inside(machine, model, cascade, 1e-3).remark
         monkeypatch.setattr(verification, "worst_stops", lambda *_: StopsOutOfMove())
-        kept = verification._kept_by_belt(machine, model, cascade, 1e-3)
+        kept = verification._kept_inside(machine, model, cascade, 1e-3)
         fast, slow = (move.at(1.0, 1e-3) for move in (standard, kept))
         limit = verification.belt_force_limit_n(machine, model, 1.0, 1.05)
         assert limit == pytest.approx(1.05 * (1.24 / 0.01242 + model["cart_friction.level"] + model["viscous_cart.damping"]))

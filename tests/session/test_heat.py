@@ -20,8 +20,7 @@ from beltcomm.plant.drive_section import IDEAL
 from beltcomm.talk import Silence
 from beltcomm.trajectory import Trajectory
 from beltcomm.virtual.faults import Faults
-from beltcomm.virtual.motor import EMMS_AS_70
-from beltcomm.virtual.stage import PowerStage
+from beltcomm.virtual.stage import EMMS_AS_70, PowerStage
 from session.conftest import Complete
 
 RIG = load_axis("egc-70-600")

@@ -16,7 +16,7 @@ from click.testing import CliRunner
 
 from beltcomm.cli.main import cli
 from beltcomm.configfiles import find_config, read_yaml, sealed, to_yaml, unsealed
-from beltcomm.drive.objects import TYPES, commands, name_of
+from beltcomm.drive.objects import TYPES, is_command, name_of
 from beltcomm.errors import BeltcommError
 from beltcomm.virtual.bus import Frame
 from beltcomm_adapters.canopen import connect
@@ -106,7 +106,7 @@ def eyes(make_bench: MakeBench) -> Eyes:
 def listed(bench: Bench) -> set[tuple[int, int]]:
     """The closed list, read from the drive by its adapter."""
     with bench.open(bench.name) as drive:
-        return {item.place for item in drive.objects() if not commands(*item.place)}
+        return {item.place for item in drive.objects() if not is_command(*item.place)}
 
 
 def mapped(bench: Bench, mapping: set[tuple[int, int]]) -> dict[tuple[int, int], float]:
@@ -232,7 +232,7 @@ def test_profiles(make_bench: MakeBench, tmp_path: Path) -> None:
             with connect(bench._bus, bench._bus.clock, 1, str(path), None, lambda: None) as drive:
                 drive.write({name: value for name, value in drive.backup().items() if np.isfinite(value)})
                 places = {(one.index, one.subindex) for one in drive.capabilities.parameters.values()}
-                assert not [place for place in places if commands(*place) or any(lock.holds(*place) for lock in ALWAYS)], number
+                assert not [place for place in places if is_command(*place) or any(lock.holds(*place) for lock in ALWAYS)], number
         except BeltcommError:
             refused += 1
         eyes.check(own | lent | {(0x2101, 0), (0x2101, 1), (0x2101, 2), (0x5FFF, 0), (0x6072, 0), (0x6080, 0)}, (number, part))

@@ -9,7 +9,7 @@ import pytest
 
 from beltcomm.axis import load_axis
 from beltcomm.result import Result, Row
-from beltcomm.rundata.kept_result import kept_or_new
+from beltcomm.rundata.kept import kept_or_new
 from beltcomm.runfolder import RunFolder
 
 Ask = Callable[..., Result]
@@ -65,7 +65,7 @@ def test_what_was_kept_may_be_damaged_or_gone(ask: Ask, folder: RunFolder, damag
 
 def test_other_programs_ask_anew(ask: Ask, monkeypatch: pytest.MonkeyPatch) -> None:
     ask()
-    monkeypatch.setattr("beltcomm.rundata.kept_result.source_hash", lambda: "another version")
+    monkeypatch.setattr("beltcomm.rundata.kept.source_hash", lambda: "another version")
     assert ask().data["times"] == 2
 
 
@@ -80,7 +80,7 @@ def test_a_file_that_cannot_be_read_is_no_reason_to_fail(ask: Ask, folder: RunFo
     def unreadable(path: Path) -> str:
         raise PermissionError(13, "not allowed", str(path))
 
-    monkeypatch.setattr("beltcomm.rundata.kept_result.sha256_of", unreadable)
+    monkeypatch.setattr("beltcomm.rundata.kept.sha256_of", unreadable)
     assert ask().data["times"] == 1
     assert ask().data["times"] == 2
     assert not (folder.path / "kept").exists()

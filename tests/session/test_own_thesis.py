@@ -12,7 +12,7 @@ import pytest
 from beltcomm.axis.written import commented
 from beltcomm.errors import UsageError
 from beltcomm.jobs.own_thesis import OWN, own_thesis
-from beltcomm.rundata.run_move import move_of
+from beltcomm.rundata.proof import move_of
 from beltcomm.runfolder import RunFolder
 from session.conftest import Complete
 

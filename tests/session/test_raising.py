@@ -11,9 +11,9 @@ import pytest
 
 from beltcomm.axis import load_axis
 from beltcomm.errors import Refused, SafetyStop
-from beltcomm.excitation.asked import AS_CHOSEN
+from beltcomm.excitation.choice import AS_CHOSEN
 from beltcomm.experiments import raising
-from beltcomm.fit.start.first_path import FirstPath
+from beltcomm.fit.start.first_estimate import FirstPath
 from beltcomm.fit.torque.path import FAITHFUL
 from beltcomm.identify.amplitude import AmplitudeStep, Prediction
 from beltcomm.model import load_plant

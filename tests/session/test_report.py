@@ -23,7 +23,7 @@ from beltcomm.pages import at_the_end
 from beltcomm.quantities import mm
 from beltcomm.rundata.fitted_run import records_of
 from beltcomm.rundata.headline import headline_of
-from beltcomm.rundata.kept_fit import FILE, fit_base
+from beltcomm.rundata.kept import FILE, fit_base
 from beltcomm.rundata.revisions import current_model
 from beltcomm.runfolder import RunFolder
 from session.conftest import Complete

@@ -17,8 +17,8 @@ from beltcomm.effects import effect_named
 from beltcomm.errors import Refused
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.records import Data
-from beltcomm.jobs import change
-from beltcomm.jobs import confounded_effects as told
+from beltcomm.jobs import change, laboratory
+from beltcomm.jobs.laboratory import find_confounded
 from beltcomm.model import load_plant
 from beltcomm.schedule.next_plan import by_hand_of
 from beltcomm.sentences.ladder import effect_lines
@@ -34,22 +34,22 @@ def fitted(values: dict[str, float]) -> Any:
 
 
 def test_of_two_delays_the_sum_is_known_and_a_short_dead_time_may_be_a_second_pole(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(told, "parameter_spread", lambda _: SimpleNamespace(half_width=lambda c: 4e-6 if len(c) == 2 else 9e-6))
-    (found,) = told.find_confounded(fitted({"dead_time.time": 4.3e-5, "current_lag.time": 7.588e-4}), ["current_lag", "dead_time"])
+    monkeypatch.setattr(laboratory, "parameter_spread", lambda _: SimpleNamespace(half_width=lambda c: 4e-6 if len(c) == 2 else 9e-6))
+    (found,) = find_confounded(fitted({"dead_time.time": 4.3e-5, "current_lag.time": 7.588e-4}), ["current_lag", "dead_time"])
     assert found.value == pytest.approx(8.018e-4)
     assert (found.interval, found.unit) == (4e-6, "s")
     assert "802 ± 4 us" in found.text
     assert "second pole of the current_lag" in found.text
-    (long,) = told.find_confounded(fitted({"dead_time.time": 6e-4, "current_lag.time": 7e-4}), ["dead_time"])
+    (long,) = find_confounded(fitted({"dead_time.time": 6e-4, "current_lag.time": 7e-4}), ["dead_time"])
     assert "second pole" not in long.text
-    assert told.find_confounded(fitted({"dead_time.time": 6e-4}), ["dead_time"]) == []
-    assert told.find_confounded(fitted({"dead_time.time": 6e-4, "current_lag.time": 7e-4}), ["stribeck"]) == [], "both were known before"
+    assert find_confounded(fitted({"dead_time.time": 6e-4}), ["dead_time"]) == []
+    assert find_confounded(fitted({"dead_time.time": 6e-4, "current_lag.time": 7e-4}), ["stribeck"]) == [], "both were known before"
 
 
 @pytest.mark.parametrize(("order", "size", "part"), [(25.0, 2e-3, True), (27.0, 2e-3, True), (24.0, 2e-3, False), (25.0, 3e-2, False)])
 def test_a_line_beside_the_teeth_may_be_theirs(order: float, size: float, part: bool) -> None:
     values = {"tooth_ripple.teeth": 26.0, "tooth_ripple.sine": 2e-2, "cogging.order": order, "cogging.sine": size}
-    assert bool(told.find_confounded(fitted(values), ["tooth_ripple", "cogging"])) is part
+    assert bool(find_confounded(fitted(values), ["tooth_ripple", "cogging"])) is part
 
 
 def test_a_constant_torque_is_told_with_its_tilt_and_what_is_done_by_hand() -> None:

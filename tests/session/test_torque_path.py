@@ -13,8 +13,7 @@ from beltcomm import api
 from beltcomm.axis import load_axis
 from beltcomm.configfiles import find_config
 from beltcomm.errors import DataError
-from beltcomm.fit.start.first_estimate import data_sheet_model
-from beltcomm.fit.start.first_path import first_path
+from beltcomm.fit.start.first_estimate import data_sheet_model, first_path
 from beltcomm.fit.torque import reading_fit
 from beltcomm.fit.torque.acting_torque import acting_recording
 from beltcomm.fit.torque.path import FAITHFUL, DriveLaw, Lag, ReadingLaw, TorquePath, path_from_dict, path_to_dict
@@ -24,7 +23,7 @@ from beltcomm.machine.scale import jumping_inertia
 from beltcomm.recording import Recording
 from beltcomm.rundata.delays import measure_delay_and_damping
 from beltcomm.rundata.findings import Findings
-from beltcomm.rundata.kept_fit import KEY, kept_path
+from beltcomm.rundata.kept import KEY, kept_path
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.torque_path import path_data, path_lines
 from identify.records import COUNTS, PERIOD_S, Recorder, true_model

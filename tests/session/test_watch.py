@@ -17,8 +17,8 @@ from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.convert import Reading
 from beltcomm.jobs.watch import played_production
 from beltcomm.runfolder import RunFolder
-from beltcomm.watching.growing_log import GrowingLog
 from beltcomm.watching.moves import Move, moves_in
+from beltcomm.watching.streams import GrowingLog
 from session.conftest import Complete
 from truth.rigs import RIGS
 

@@ -16,8 +16,8 @@ from beltcomm.compiled import when_compiling
 from beltcomm.effects.current_lag import lag_torque
 from beltcomm.effects.dead_time import delay_torque
 from beltcomm.effects.measurement_lag import read
-from beltcomm.laboratory.harmonics import gain_kernel, gain_means, load_kernel, load_means, powers_of
-from beltcomm.laboratory.precompile import last_compiled
+from beltcomm.jobs.effect_search import last_compiled
+from beltcomm.laboratory.score import gain_kernel, gain_means, load_kernel, load_means, powers_of
 from beltcomm.model import build_model, expected_parameters
 from beltcomm.simulate.inverse import FineMotion, torque_residuals
 from beltcomm.simulate.kernels import ahead, compile_largest

@@ -16,7 +16,7 @@ from beltcomm.effects.presliding import friction_share
 from beltcomm.effects.quadratic_drag import force as drag
 from beltcomm.effects.travel_ripple import force as ripple
 from beltcomm.simulate.kernels.branchless import in_vectors
-from beltcomm.simulate.kernels.stick import stick_or_slide
+from beltcomm.simulate.kernels.pieces import stick_or_slide
 from beltcomm.simulate.kernels.vectors import LANES, aligned_zeros, at, eight, put
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from beltcomm.simulate.kernels import ahead, cached, compile_largest, compose
-from beltcomm.simulate.kernels.cached import VERSION, prune, write_note
+from beltcomm.simulate.kernels import ahead, compile_largest, compose
+from beltcomm.simulate.kernels.ahead import VERSION, prune, write_note
 
 DIGITS = "0123456789abcdef0123"
 OLD, NOW, LATER = (f"kernel_{VERSION + k}_{DIGITS}" for k in (-1, 0, 1))
@@ -57,9 +57,9 @@ def test_notes_of_programs_that_are_no_more_go(kernels: Path, tmp_path: Path) ->
         return json.dumps({"package": str(package), "numba_cache": cache})
 
     (tmp_path / "other").mkdir()
-    go = {f"ahead_{1:020x}": "", f"ahead_{2:020x}": told(cached.package()), f"ahead_{3:020x}": told(tmp_path / "gone")}
+    go = {f"ahead_{1:020x}": "", f"ahead_{2:020x}": told(ahead.package()), f"ahead_{3:020x}": told(tmp_path / "gone")}
     stay = {
-        f"ahead_{4:020x}": told(tmp_path / "other"), f"ahead_{5:020x}": told(cached.package(), "/another/cache"),
+        f"ahead_{4:020x}": told(tmp_path / "other"), f"ahead_{5:020x}": told(ahead.package(), "/another/cache"),
         f"ahead_{6:020x}": "a letter", f"ahead_{7:020x}": told("relative"), f"ahead_{8:020x}": "[]", "ahead_of_time": "", "ahead_123": "",
         f"ahead_{9:020x}.txt": "",
     }  # fmt: skip
@@ -120,4 +120,4 @@ def test_the_note_that_is_written_ahead_says_whose_it_is_and_prunes(kernels: Pat
     compile_largest.main()
     (note,) = kernels.glob("ahead_*")
     assert note == ahead.note_file()
-    assert json.loads(note.read_text(encoding="utf-8")) == {"package": str(cached.package()), "numba_cache": ""}
+    assert json.loads(note.read_text(encoding="utf-8")) == {"package": str(ahead.package()), "numba_cache": ""}

@@ -15,7 +15,7 @@ from beltcomm.effects.cogging import COUNT
 from beltcomm.model import Model, build_model
 from beltcomm.model.statics import smooth_forces
 from beltcomm.simulate.forward import simulate_torque
-from beltcomm.simulate.kernels import sources
+from beltcomm.simulate.kernels import writer
 from beltcomm.simulate.kernels.compose import kernel_for, kernel_source
 
 FULL = ("belt_sections", "coupling", "belt_damping", "viscous", "viscous_cart", "viscous_end_pulley",
@@ -113,8 +113,8 @@ def test_a_changed_law_gets_another_kernel(monkeypatch: pytest.MonkeyPatch) -> N
     combination = (("motor", "cart"), ("belt_stiffness", "cart_friction"))
     before = kernel_source(*combination)
     assert kernel_source(*combination) == before
-    read = sources.inspect.getsource
-    monkeypatch.setattr(sources.inspect, "getsource", lambda module: read(module).replace("return level_", "return 2 * level_"))
+    read = writer.inspect.getsource
+    monkeypatch.setattr(writer.inspect, "getsource", lambda module: read(module).replace("return level_", "return 2 * level_"))
     assert kernel_source(*combination) != before
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltcomm.simulate.intersample import CELLS, Intersample
+from beltcomm.simulate.imperfect import CELLS, Intersample
 
 PARTS = 25
 

@@ -96,7 +96,7 @@ def test_what_stands_beside_a_plain_belt_is_that_of_the_masked_kernel(more: tupl
     for name in more:
         axis = axis.with_effect(name)
     axis = axis.with_values({name: value for name, value in BEYOND.items() if name in axis.parameters})
-    assert switchboard(axis.base_bodies, axis.effects).plain
+    assert switchboard(axis.base_bodies, axis.effects).in_lanes
     vectors, offsets = beside(axis, count), list(np.linspace(0.0, 2e-5, count))
     side_by_side = belt_loads(axis, motion, vectors, offsets)
     assert np.abs(side_by_side[:, 0] - plain).max() > 0.01 * np.abs(plain).max(), "the effects must show, else nothing is compared"

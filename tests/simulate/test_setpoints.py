@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltcomm.simulate.setpoints import SetpointGrid
+from beltcomm.simulate.loop import SetpointGrid
 
 
 def by_hand(values: np.ndarray, ratio: int) -> np.ndarray:

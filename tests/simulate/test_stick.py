@@ -6,7 +6,7 @@ import itertools
 
 import pytest
 
-from beltcomm.simulate.kernels.stick import stick_or_slide
+from beltcomm.simulate.kernels.pieces import stick_or_slide
 
 CASES = list(itertools.product((-1.3, -0.02, 0.0, 0.4), (-9.0, -3.9, 0.0, 4.0, 6.5), (0.0, 4.0)))
 

@@ -11,8 +11,7 @@ from beltcomm.control import Cascade, Feedforward, Prefilter
 from beltcomm.model import load_plant
 from beltcomm.simulate.loop import LoopDrive
 from beltcomm.simulate.plant import SimulatedPlant
-from beltcomm.simulate.stop_out_of_move import References, StopReaction, predict_stop_out_of_move
-from beltcomm.simulate.stopping import total_friction, total_inertia, total_viscous
+from beltcomm.simulate.stopping import References, StopReaction, predict_stop_out_of_move, total_friction, total_inertia, total_viscous
 
 PERIOD_S = 1e-3
 DRIVE = LoopDrive(PERIOD_S, PERIOD_S, 3.1, 65536)

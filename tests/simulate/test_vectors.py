@@ -7,8 +7,8 @@ import numpy as np
 from beltcomm.arrays import Array
 from beltcomm.compiled import in_lanes
 from beltcomm.simulate.kernels.learning import learn
-from beltcomm.simulate.kernels.sources import modules_of
 from beltcomm.simulate.kernels.vectors import LANES, aligned_zeros, at, eight, put
+from beltcomm.simulate.kernels.writer import modules_of
 
 
 @in_lanes

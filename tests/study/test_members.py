@@ -195,6 +195,6 @@ def test_a_member_without_a_result_stands_beside_what_was_named() -> None:
     (answers,) = summary.answers
     assert answer_row(answers) == ("hidden cogging, 3 members", "cogging + stribeck 2, no result 1")
     asked = SimpleNamespace(population=None, units={"cart.mass": "kg"})
-    assert headline(cast("Study", asked), summary).endswith("2 of 2); 1 member has no result.")
+    assert headline(summary).endswith("2 of 2); 1 member has no result.")
     assert why(lines[2], {}) == "no result: the scale is wrong"
     assert values_text(cast("Study", asked), {"cart.mass": 2.34567, "hidden": "none"}) == "cart.mass 2.346 kg, hidden none"

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from beltcomm.axis.entries import AxisTargets
-from beltcomm.design.held_knobs import OutOfReach
+from beltcomm.design.knobs import OutOfReach
 from beltcomm.design.margins import margins, worst_of
 from beltcomm.errors import UsageError
 from beltcomm.tuning.bench import Bench

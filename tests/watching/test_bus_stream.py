@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from beltcomm.axis import load_axis
 from beltcomm.foreign.convert import Reading
-from beltcomm.watching.bus_stream import SETUP_FIRST, SETUP_LAST, BusStream
+from beltcomm.watching.streams import SETUP_FIRST, SETUP_LAST, BusStream
 
 
 def test_a_master_that_polls_does_not_push_the_set_up_out() -> None:

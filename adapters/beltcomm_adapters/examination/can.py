@@ -14,10 +14,10 @@ from beltcomm.drive.finding import Finding
 from beltcomm.errors import BusError, DriveError, UsageError
 from beltcomm_adapters.buses import DEFAULT_BITRATE, Address, MonotonicClock, open_bus
 from beltcomm_adapters.examination import condition, enabling, node, opening, place, timing, units, watching, wire
-from beltcomm_adapters.examination.errors import WORDS
 from beltcomm_adapters.examination.host import Host, group_of
 from beltcomm_adapters.examination.line import not_opened
 from beltcomm_adapters.examination.patient import Patient, examine
+from beltcomm_adapters.examination.wire import WORDS
 from beltcomm_adapters.identification import as_the_drive_is, read_identity
 from beltcomm_adapters.link import HOST_NODE, Link
 from beltcomm_adapters.profiles import choose_profile

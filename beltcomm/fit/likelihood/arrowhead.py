@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from beltcomm.arrays import Array
 
 
 @dataclass(frozen=True)

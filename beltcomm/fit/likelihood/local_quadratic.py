@@ -12,13 +12,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, BoolArray, IntArray
 from beltcomm.compiled import compiled
 from beltcomm.fit.likelihood.arrowhead import ArrowheadJacobian, arrowhead
 from beltcomm.fit.likelihood.problem import Problem
-
-Array = NDArray[np.float64]
 
 #: Square of the share of a column that is left beside everything fitted, below which it says nothing of its own.
 IMITATED = 1e-8
@@ -278,7 +276,7 @@ def _robust(count: Array, means: Array) -> float:
     return float(np.sum(count * np.where(means < 1.0, means, 1.0 + np.log(np.maximum(means, 1.0)))))
 
 
-def _products(starts: NDArray[np.int64], active: NDArray[np.bool_], left: Array, right: Array) -> Array:
+def _products(starts: IntArray, active: BoolArray, left: Array, right: Array) -> Array:
     """leftᵀ right of every block, (blocks, left columns, right columns).   active : (blocks, left columns), those that are not zero."""
     shape = (left.shape[1], right.shape[1])
     out = np.zeros((len(starts) - 1, *shape))
@@ -287,9 +285,7 @@ def _products(starts: NDArray[np.int64], active: NDArray[np.bool_], left: Array,
 
 
 @compiled
-def _sum_products(
-    starts: NDArray[np.int64], active: NDArray[np.bool_], left: Array, right: Array, used: NDArray[np.int64], sums: Array, out: Array
-) -> None:
+def _sum_products(starts: IntArray, active: BoolArray, left: Array, right: Array, used: IntArray, sums: Array, out: Array) -> None:
     width = right.shape[1]
     for b in range(starts.shape[0] - 1):
         count = 0

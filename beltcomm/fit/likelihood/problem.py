@@ -14,15 +14,16 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, BoolArray, IntArray
 from beltcomm.compiled import in_one_thread
 from beltcomm.fit.likelihood.arrowhead import ArrowheadJacobian
 from beltcomm.fit.likelihood.free_parameters import Touch, part_touched, touches_noise
 from beltcomm.fit.residual.observer import Perturbation, slopes
 from beltcomm.fit.residual.reversals import LEVEL
 from beltcomm.fit.residual.rounding_bias import RoundingBias
-from beltcomm.fit.residual.segment import Segment, in_noise, observed_residuals, with_observers
+from beltcomm.fit.residual.segment import Segment
+from beltcomm.fit.residual.whitened import in_noise, observed_residuals, with_observers
 from beltcomm.model import Model, expected_parameters
 from beltcomm.model.mounted import loaded
 from beltcomm.simulate.inverse import (
@@ -36,8 +37,6 @@ from beltcomm.simulate.inverse import (
     reading_lags,
     true_motion,
 )
-
-Array = NDArray[np.float64]
 
 #: m; unit of the stretch of the belt at the start of a record, and the largest: friction holds up to 0.1 mm (10 N on 100 kN/m) at rest,
 #: acceleration more where the record begins in motion.
@@ -83,7 +82,7 @@ class Nuisance:
 
     columns: Array
     information: Array
-    told: NDArray[np.bool_]
+    told: BoolArray
 
 
 @dataclass(frozen=True)
@@ -521,7 +520,7 @@ def hopeless(above: float, gain: float, left: int) -> bool:
     return above > PACE * gain * left
 
 
-def time_blocks(pieces: Sequence[Segment], seconds: float) -> NDArray[np.int64]:
+def time_blocks(pieces: Sequence[Segment], seconds: float) -> IntArray:
     """Running number of the time block of every value of the residual, blocks never crossing a segment.
 
     Parameters

@@ -6,12 +6,10 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, robust_deviation
 from beltcomm.fit.noise.decimation import smallest_step
 from beltcomm.recording import Recording
-
-Array = NDArray[np.float64]
 
 #: Samples of a window in which an angle's roughness is taken, and factor from which on it is more than its rounding makes.
 CALM_WINDOW, NOISY = 64, 1.3
@@ -90,4 +88,4 @@ def white_step(position: Array) -> float:
         Not below the step in which the angle is read.
     """
     rough = np.diff(position, 4)
-    return max(1.4826 * float(np.median(np.abs(rough))) * math.sqrt(12.0 / 70.0), smallest_step(position))
+    return max(robust_deviation(rough) * math.sqrt(12.0 / 70.0), smallest_step(position))

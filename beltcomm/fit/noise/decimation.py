@@ -8,11 +8,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beltcomm.simulate.intersample import CELLS, Intersample
-
-Array = NDArray[np.float64]
+from beltcomm.arrays import Array
+from beltcomm.simulate.imperfect import CELLS, Intersample
 
 #: Differences that are looked at, parts that the smallest may have, deviation from whole multiples of the step, and share that keep to it.
 SMALLEST, MOST_PARTS, OFF, ON_STEPS = 60, 4, 0.2, 0.95

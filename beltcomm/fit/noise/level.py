@@ -7,11 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, robust_deviation
 from beltcomm.recording import Recording
-
-Array = NDArray[np.float64]
 
 #: Order of the differences that a smooth torque hardly has, and the higher ones that a fast but smooth excitation has less of.
 ORDER, HIGHER = 4, (6, 8)
@@ -36,8 +34,8 @@ TOO_LITTLE = 0.8
 #: Rows of a part whose power spectrum is taken, bands that it is divided into, and bands that must agree to be white noise: behind its
 #: band a multisine leaves nothing else, however fast it is.
 PART, BANDS, AGREEING = 512, 16, 3
-#: Factor from a median deviation to an rms, and deviations beyond which a sample counts no more.
-NORMAL, OUTLIER = 1.4826, 4.0
+#: Deviations beyond which a sample counts no more.
+OUTLIER = 4.0
 #: Kinds of records in which the torque may jump from row to row: of a free one nobody said what it is.
 RESTLESS = ("frf", "free")
 
@@ -186,7 +184,7 @@ def robust_rms(rest: Array, step_nm: float = 0.0) -> float:
     step_nm : float
         In which it was read, a bulk has one more of it.
     """
-    size = NORMAL * float(np.median(np.abs(rest)))
+    size = robust_deviation(rest)
     inside = np.abs(rest) < OUTLIER * size + step_nm * (1.0 + 1e-9)
     return float(np.sqrt(np.mean(rest[inside] ** 2))) if inside.any() and size > 0.0 else float(np.std(rest))
 
@@ -263,7 +261,7 @@ def _level(recordings: Sequence[Recording]) -> Level:
         regressor = np.stack([*columns, np.ones(len(setpoint) - lags)], axis=1)
         rest = recording.torque[lags:] - regressor @ np.linalg.lstsq(regressor, recording.torque[lags:], rcond=None)[0]
         rest = rest - np.median(rest)
-        size, step = NORMAL * float(np.median(np.abs(rest))), torque_step(recording.torque)
+        size, step = robust_deviation(rest), torque_step(recording.torque)
         levels.append(robust_rms(rest, step) if step > size else size)
     if levels:
         return Level(float(np.median(levels)), True)
@@ -294,11 +292,11 @@ def _without_setpoint(recording: Recording) -> Level:
     rough = [nm for nm in (_between_jumps(recording.torque), _floor(recording)) if nm is not None]
     repeated = _period_difference(recording)
     if repeated is not None:
-        nm = roughness(np.diff(repeated, ORDER), ORDER)
+        nm = white_noise_deviation(np.diff(repeated, ORDER), ORDER)
         if not rough or nm <= REPEATING * min(rough):
             return Level(nm, True)
     if not rough:
-        return Level(roughness(np.diff(recording.torque, ORDER), ORDER), False)
+        return Level(white_noise_deviation(np.diff(recording.torque, ORDER), ORDER), False)
     restless = recording.sidecar.experiment in RESTLESS
     return Level(min(rough), not restless or min(rough) < MOSTLY * float(np.std(recording.torque)))
 
@@ -353,7 +351,7 @@ def _between_jumps(torque: Array) -> float | None:
             rough = rough[sound]
             if len(rough) < FEWEST:
                 break
-        found.append(roughness(rough, order))
+        found.append(white_noise_deviation(rough, order))
     if not found:
         return None
     return min(found) if found[0] > CLEARLY * min(found) else found[0]
@@ -376,7 +374,7 @@ def _floor(recording: Recording) -> float | None:
     return float(np.mean(agree)) if len(agree) >= AGREEING else None
 
 
-def roughness(differences: Array, order: int = ORDER) -> float:
+def white_noise_deviation(differences: Array, order: int = ORDER) -> float:
     """Deviation of the white noise that differences of an order are of: binomial(2 order, order) times its variance is theirs.
 
     Parameters
@@ -391,4 +389,4 @@ def roughness(differences: Array, order: int = ORDER) -> float:
     float
         In the unit of the signal; by the median, which outliers do not move.
     """
-    return 1.4826 * float(np.median(np.abs(differences - np.median(differences)))) / math.sqrt(math.comb(2 * order, order))
+    return robust_deviation(differences - np.median(differences)) / math.sqrt(math.comb(2 * order, order))

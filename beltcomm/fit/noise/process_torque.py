@@ -11,12 +11,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beltcomm.fit.noise.colour import NoiseColour
-from beltcomm.fit.noise.deconvolution import numerator_of
-
-Array = NDArray[np.float64]
+from beltcomm.arrays import Array
+from beltcomm.fit.noise.colour import NoiseColour, numerator_of
 
 #: What a reading misses of a torque that is held, below which it misses nothing: as one at the end of the period does.
 HARDLY = 1e-6

@@ -30,11 +30,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
+from beltcomm.arrays import Array, ComplexArray, IntArray
 from beltcomm.model import Model
 from beltcomm.model.linear import Matrices, carriage_of, matrices, operating_point, stretch_of, values_of
-
-Array = NDArray[np.float64]
-Complex = np.ndarray[Any, np.dtype[np.complex128]]
 
 #: What makes the covariance at the first sample.
 MOTION, ROUNDING, SLOW, TORQUE = range(4)
@@ -86,13 +84,13 @@ class NoisePath:
     sample_s: float
 
     @cached_property
-    def transfer(self) -> Complex:
+    def transfer(self) -> ComplexArray:
         """From ε to e at :data:`AROUND`."""
         zeros = np.linalg.eigvals(self.F - np.outer(self.G[:, 0], self.H) / self.D[0])
         return np.asarray(self.D[0] * at_roots(zeros) / at_roots(np.linalg.eigvals(self.F)))
 
 
-def at_roots(roots: NDArray[Any]) -> Complex:
+def at_roots(roots: NDArray[Any]) -> ComplexArray:
     """Π (1 - root/z) at :data:`AROUND`."""
     return np.asarray(np.prod(1.0 - roots[:, None] / AROUND, axis=0))
 
@@ -110,7 +108,7 @@ class NoiseSchedule:
     """
 
     paths: tuple[NoisePath, ...]
-    level: NDArray[np.int64]
+    level: IntArray
 
 
 def noise_schedule(model: Model, places_m: Array, sample_s: float, left: Array | None = None) -> NoiseSchedule:

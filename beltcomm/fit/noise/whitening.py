@@ -16,14 +16,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, BoolArray, IntArray
 from beltcomm.compiled import compiled, in_lanes, inlined
 from beltcomm.fit.noise.colour import WHITE_NOISE, NoiseColour, filter_states
 from beltcomm.fit.noise.propagation import SLOW, NoisePath, NoiseSchedule, with_state_in_front
 from beltcomm.simulate.kernels.observer import filter_columns, lanes_for
-
-Array = NDArray[np.float64]
 
 #: Hz; below it the rounding of a motion at a steady speed may be stronger than white.
 SLOW_HZ = 40.0
@@ -53,11 +51,11 @@ class Whitener:
 
     F: Array
     H: Array
-    level: NDArray[np.int64]
+    level: IntArray
     gains: Array
     deviations: Array
 
-    def __call__(self, residual: Array, keep: NDArray[np.bool_]) -> Array:
+    def __call__(self, residual: Array, keep: BoolArray) -> Array:
         """Innovations of the kept samples over their deviation; (n,) N m -> (kept,), or (n, k) -> (kept, k).
 
         ``keep`` : as for :func:`whitener`.
@@ -84,7 +82,7 @@ class Whitener:
 
 
 def whitener(
-    keep: NDArray[np.bool_],
+    keep: BoolArray,
     way: NoiseSchedule,
     step_rad: float,
     noise_nm: float,
@@ -108,9 +106,7 @@ def whitener(
     return Whitener(np.stack([path.F for path in paths]), np.stack([path.H for path in paths]), way.level, gains, deviations)
 
 
-def gains_of(
-    keep: NDArray[np.bool_], paths: Sequence[NoisePath], level: NDArray[np.int64], variances: Array, start: Array
-) -> tuple[Array, Array]:
+def gains_of(keep: BoolArray, paths: Sequence[NoisePath], level: IntArray, variances: Array, start: Array) -> tuple[Array, Array]:
     """Gains, (n, k), and deviations of the innovations, (n,), N m.
 
     Parameters
@@ -241,10 +237,10 @@ def with_slow_rounding(path: NoisePath) -> NoisePath:
 @compiled
 def _filter_innovations(
     e: Array,
-    keep: NDArray[np.bool_],
+    keep: BoolArray,
     f: Array,
     h: Array,
-    level: NDArray[np.int64],
+    level: IntArray,
     gains: Array,
     deviations: Array,
     states: Array,
@@ -280,10 +276,10 @@ def _row(f: Array, at: int, i: int, sz: float, sx: float, sv: float, sb: float, 
 @in_lanes
 def _one_body(
     e: Array,
-    keep: NDArray[np.bool_],
+    keep: BoolArray,
     f: Array,
     h: Array,
-    level: NDArray[np.int64],
+    level: IntArray,
     gains: Array,
     deviations: Array,
     slow: int,
@@ -326,13 +322,13 @@ def _one_body(
 
 @compiled
 def _gains(
-    keep: NDArray[np.bool_],
+    keep: BoolArray,
     f: Array,
     h: Array,
     noise: Array,
     cross: Array,
     direct: Array,
-    level: NDArray[np.int64],
+    level: IntArray,
     p: Array,
     fp: Array,
     rows: Array,

@@ -3,6 +3,10 @@
 Setpoint and reading tell the chain of drive and reading together (``torque.reading_fit``); each filter, and what of the delay is no whole
 sample, may lie before the acting torque or behind it.  Each such split is fitted to the liveliest records, and the one that explains the
 motion best is taken.  A faithful reading that leaves nothing but noise needs no comparison.
+
+An effect that is looked for only once the path is known may make the motion come later than the reading tells.
+Where a filter of the setpoint stands before the torque, and a dead time behind it, the motion comes as late as by a slower filter: a path
+chosen without that effect takes a part of it over, and what is left of it looks like another effect.
 """
 
 from __future__ import annotations
@@ -19,12 +23,12 @@ from scipy.optimize import minimize_scalar
 
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.noise.level import is_held, repeats_itself
-from beltcomm.fit.path_fit.late_motion import effect_between
 from beltcomm.fit.path_fit.values import columns_of, refine_path
 from beltcomm.fit.records import Data, prepare_records, rounding_torque
 from beltcomm.fit.torque.path import DriveLaw, Lag, ReadingLaw, TorquePath
-from beltcomm.fit.torque.reading_fit import CLEAR, COMMAND, NORMAL_95, WHOLE, ReadingFit
+from beltcomm.fit.torque.reading_fit import CLEAR, COMMAND, WHOLE, ReadingFit
 from beltcomm.model import Model
+from beltcomm.model.value import NORMAL_95
 from beltcomm.recording import Recording
 
 #: Times its lower bound up to which an inertia is nothing.
@@ -46,7 +50,7 @@ LOOP_SHARES = (0.03, 0.1, 0.25, 0.5, 1.0)
 #: Lateness of a reading without setpoint that is tried, in sampling periods; between the last two neighbours cancel.
 LATE_SHARES = (0.08, 0.2, 0.35, 0.65, 0.8, 1.0)
 #: Shares of the period at which the command may change where no setpoint was recorded; things not ideal that a path may have then.
-SWITCHING, UNSEEN_AT_MOST = (0.1, 0.3, 0.5, 0.7, 0.9), 3
+SWITCHING, MOST_WITHOUT_SETPOINT = (0.1, 0.3, 0.5, 0.7, 0.9), 3
 #: Share that is new in each sample of a reading whose filter hardly shows.
 NEARLY_NEW = 0.9
 #: Damping ratios of a current loop that are tried.
@@ -90,7 +94,7 @@ class PathChoice:
     between: str = ""
 
 
-def commands(chain: ReadingFit | None, recordings: Sequence[Recording]) -> bool:
+def reads_command(chain: ReadingFit | None, recordings: Sequence[Recording]) -> bool:
     """True if the readings are the setpoint that comes back, without noise."""
     if chain is None:
         return repeats_itself(recordings) or is_held(recordings)
@@ -115,7 +119,7 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
         :func:`fit_reading`.
     """
     to_fit = [r for r in data.recordings if not r.sidecar.held_out]
-    if chain is not None and commands(chain, to_fit):
+    if chain is not None and reads_command(chain, to_fit):
         return _by_motion(data, fitted.model, to_fit, chain)
     faithful = TorquePath(chain.law if chain is not None else None)
     shaped = chain is not None and (bool(chain.law.lags) or abs(chain.law.delay - round(chain.law.delay)) > WHOLE)
@@ -290,7 +294,7 @@ def _differ(one: TorquePath, other: TorquePath, sample_s: float) -> bool:
     """True if by two paths the torque acts at different times."""
 
     def ahead_s(path: TorquePath) -> float:
-        if path.unseen or path.drive is None:
+        if path.without_setpoint or path.drive is None:
             return path.reading.delay_s(sample_s)
         return -path.drive.delay_s(sample_s)
 
@@ -330,10 +334,10 @@ def _best_time_constant(
 def _undone(data: Data, start: Model, to_fit: Sequence[Recording]) -> PathChoice:
     """Without setpoint: what the motion asks for of a drive and a reading that are not ideal, one thing after the other."""
     lively = _liveliest(to_fit)
-    families = unseen_families(lively[0].sample_period_s)
-    path = TorquePath(unseen=True)
+    families = families_without_setpoint(lively[0].sample_period_s)
+    path = TorquePath(without_setpoint=True)
     choice = PathChoice(path, None, _fit_by(data, lively, start, path))
-    for number in range(UNSEEN_AT_MOST):
+    for number in range(MOST_WITHOUT_SETPOINT):
         assert choice.fitted is not None
         if number and choice.fitted.ratio <= GOOD:
             break
@@ -354,7 +358,7 @@ def _best_value(
     return min(((path, _fit_by(data, recordings, start, path)) for path in paths), key=lambda trial: _level(trial[1], first.fitted))
 
 
-def unseen_families(sample_s: float) -> tuple[Callable[[TorquePath], list[TorquePath]], ...]:
+def families_without_setpoint(sample_s: float) -> tuple[Callable[[TorquePath], list[TorquePath]], ...]:
     """Paths without setpoint that have one thing more than another one, for each kind of thing; none where it has that already.
 
     A reading behind a filter, at the end of the period; a late one; a current loop; one whose reading is the torque at the end of the
@@ -407,7 +411,7 @@ def _motion_asks_for_path(data: Data, fitted: Fitted) -> bool:
     sample_s = data.recordings[0].sample_period_s
     late, filtered = ReadingLaw(LATE_SHARES[0]), ReadingLaw(0.0, (Lag("sampled", (NEARLY_NEW,)),))
     loop = DriveLaw(0.0, (Lag("first order", (LOOP_SHARES[0] * sample_s,)),))
-    drives = (TorquePath(law, unseen=True) for law in (loop, DriveLaw(SWITCHING[0])))
+    drives = (TorquePath(law, without_setpoint=True) for law in (loop, DriveLaw(SWITCHING[0])))
     for path in (*drives, TorquePath(None, late), TorquePath(None, filtered)):
         columns = columns_of(replace(data, path=path), fitted)
         if columns is not None and np.any(columns):
@@ -421,7 +425,7 @@ def _motion_asks_for_path(data: Data, fitted: Fitted) -> bool:
 def _by_motion(data: Data, start: Model, to_fit: Sequence[Recording], chain: ReadingFit | None) -> PathChoice:
     """The reading is the command: what lies between it and the torque is told by the motion alone."""
     lively, law = _liveliest(to_fit), DriveLaw(0.0) if chain is None else chain.law
-    plain, sample_s = TorquePath(law, commanded=True, unseen=chain is None), lively[0].sample_period_s
+    plain, sample_s = TorquePath(law, commanded=True, without_setpoint=chain is None), lively[0].sample_period_s
 
     def behind(time_s: float, half_s: float) -> TorquePath:
         return replace(plain, drive=replace(law, lags=(*law.lags, Lag("first order", (time_s,), (half_s,)))))
@@ -440,3 +444,52 @@ def _by_motion(data: Data, start: Model, to_fit: Sequence[Recording], chain: Rea
     families = (behind, later, limited) if swing > 0.0 else (behind, later)
     trials = [(plain, first), *(_best_time_constant(data, lively, start, first, family) for family in families)]
     return _best(trials, chain, plain_first=True)
+
+
+#: Effects between the torque that is read and the motion, each with one time, and what is tried beside them by the chosen path: a lag of
+#: the reading is no reason for another one, which has such lags of its own.
+BETWEEN, BESIDE = ("dead_time", "current_lag"), ("measurement_lag",)
+#: Share of what lies above the noise that such an effect may leave, and how much of it per sample.
+MAY_LEAVE, MOST_LEFT = 0.3, 0.5
+
+
+def effect_between(
+    fit_by: Callable[[Model, TorquePath], Fitted],
+    start: Model,
+    chosen: TorquePath,
+    fitted: Fitted,
+    others: Sequence[TorquePath],
+    clear: float,
+) -> str:
+    """Name of the effect between reading and motion with which another path explains the records better than the chosen one.
+
+    Parameters
+    ----------
+    fit_by : callable
+        Of a start model and a path, the fit.
+    chosen : TorquePath
+        By a model without such an effect.
+    fitted : Fitted
+        The fit by it.
+    others : sequence of TorquePath
+        The other ways to divide the same chain.
+    clear : float
+        Fall of -2 ln L that makes another path more than as likely.
+
+    Returns
+    -------
+    str
+        One of :data:`BETWEEN`; empty where the model has one, none explains enough, or the chosen path is as likely.
+    """
+    if any(name in start.effects for name in (*BETWEEN, *BESIDE)):
+        return ""
+    samples = max(fitted.problem.samples, 1)
+
+    def tried(path: TorquePath, names: Sequence[str] = BETWEEN) -> list[tuple[float, str]]:
+        found = [(fit_by(start.with_effect(name), path), name) for name in names]
+        return [(f.objective / f.problem.samples if 2 * f.problem.samples > samples else math.inf, name) for f, name in found]
+
+    own, _ = min(tried(chosen, (*BETWEEN, *BESIDE)))
+    least, best = min((one for path in others for one in tried(path)), default=(math.inf, ""))
+    explains = least - 1.0 < min(MAY_LEAVE * (fitted.objective / samples - 1.0), MOST_LEFT)
+    return best if explains and samples * (own - least) > clear else ""

@@ -13,18 +13,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 
+from beltcomm.arrays import Array
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.noise.process_torque import ProcessTorque, correlation_time
 from beltcomm.fit.noise.whitening import whitener
 from beltcomm.fit.records import Data
-from beltcomm.fit.residual.segment import Segment, acting_noise, noise_paths_of
-from beltcomm.fit.torque.reading_fit import CLEAR, NORMAL_95
+from beltcomm.fit.residual.segment import Segment, acting_noise
+from beltcomm.fit.residual.whitened import noise_paths_of
+from beltcomm.fit.torque.reading_fit import CLEAR
 from beltcomm.model import Model
-
-Array = NDArray[np.float64]
+from beltcomm.model.value import NORMAL_95
 
 #: Correlation of values, and deviations of it, below which the residual is white; neighbours up to which it is looked at.
 WHITE, SURE, NEIGHBOURS = 0.03, 4.0, 4

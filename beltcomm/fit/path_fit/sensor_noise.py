@@ -16,19 +16,18 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, ComplexArray
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.noise.decimation import decimate
 from beltcomm.fit.noise.level import LEAST_COLOUR, MOST_COLOUR, correlation, robust_rms, torque_step
 from beltcomm.fit.noise.process_torque import ProcessTorque, correlation_time
-from beltcomm.fit.path_fit.torque_noises import Complex, NoisesFit, NoisesProblem, RestPart
+from beltcomm.fit.path_fit.torque_noises import NoisesFit, NoisesProblem, RestPart
 from beltcomm.fit.records import Data
-from beltcomm.fit.torque.reading_fit import CLEAR, NORMAL_95
+from beltcomm.fit.torque.reading_fit import CLEAR
 from beltcomm.model import Model
+from beltcomm.model.value import NORMAL_95
 from beltcomm.recording import Recording
-
-Array = NDArray[np.float64]
 
 #: Least share of the difference that is the sensor's, and deviations by which a share must be known.
 LEAST_SHARE, KNOWN = 0.02, 4.0
@@ -113,7 +112,7 @@ def _two_noises(data: Data, model: Model, parts: Sequence[RestPart], total: floa
         return None
     best, *others = problem.likeliest()
     found, spread = best.noises, best.deviations
-    if _may_be_other(problem, best, others):
+    if _may_be_other(best, others):
         return None
     sensor_nm = max(found.sensor_nm, math.sqrt(LEAST_SHARE) * total)
     time_s, deviation_s = correlation_time(found.process_pole, spread.process_pole, sample_s)
@@ -121,7 +120,7 @@ def _two_noises(data: Data, model: Model, parts: Sequence[RestPart], total: floa
     return NoiseSplit(sensor_nm, found.process_nm, spread.sensor_nm, found.sensor_pole, process)
 
 
-def _between(model: Model, sample_s: float, z: Complex) -> Complex:
+def _between(model: Model, sample_s: float, z: ComplexArray) -> ComplexArray:
     """Response of what a model has between reading and motion, at z⁻¹ = e^(-iωT)."""
     omega = -np.angle(z) / sample_s
     found = np.ones_like(z)
@@ -131,7 +130,7 @@ def _between(model: Model, sample_s: float, z: Complex) -> Complex:
     return found
 
 
-def _may_be_other(problem: NoisesProblem, best: NoisesFit, others: Sequence[NoisesFit]) -> bool:
+def _may_be_other(best: NoisesFit, others: Sequence[NoisesFit]) -> bool:
     """True if a colour of the one noise may as well be the other's."""
     colours = [pole > 0.0 for pole in best.noises[2:]]
     turned = [other for other in others if [pole > 0.0 for pole in other.noises[2:]] == colours[::-1]]

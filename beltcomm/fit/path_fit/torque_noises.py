@@ -19,17 +19,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, ComplexArray
 from beltcomm.fit.noise.decimation import decimate
 from beltcomm.fit.residual.segment import Segment
 from beltcomm.fit.torque.reading_fit import CLEAR
-
-Array = NDArray[np.float64]
-Complex = np.ndarray[Any, np.dtype[np.complex128]]
 
 #: Samples of a part of r whose periodogram is taken, long beside any correlation: the most of which records hold enough parts.
 PARTS, ENOUGH_PARTS = (2048, 1024, 512, 256, 128), 4.0
@@ -59,7 +56,7 @@ class TorqueNoises(NamedTuple):
     sensor_pole: float = 0.0
     process_pole: float = 0.0
 
-    def spectra(self, z: Complex) -> tuple[Array, Array]:
+    def spectra(self, z: ComplexArray) -> tuple[Array, Array]:
         """Power at z⁻¹ = e^(-iω), of sensor and process, (N m)²."""
         return self.sensor_nm**2 * first_order(self.sensor_pole, z), self.process_nm**2 * first_order(self.process_pole, z)
 
@@ -116,7 +113,7 @@ class NoisesProblem:
         B, of z⁻¹.
     """
 
-    def __init__(self, parts: Sequence[RestPart], answer: Array, scale_nm: float, between: Callable[[Complex], Complex]) -> None:
+    def __init__(self, parts: Sequence[RestPart], answer: Array, scale_nm: float, between: Callable[[ComplexArray], ComplexArray]) -> None:
         self.parts, self.scale_nm = parts, scale_nm
         rests = [np.clip(part.rest, -OUTLIER * scale_nm, OUTLIER * scale_nm) for part in parts]
         self._transformed = [
@@ -215,17 +212,17 @@ class NoisesProblem:
         return one.cost + (math.log(number) + CLEAR) * sum(pole > 0.0 for pole in one.noises[2:])
 
 
-def first_order(pole: float, z: Complex) -> Array:
+def first_order(pole: float, z: ComplexArray) -> Array:
     """Spectrum of noise of first order with variance 1."""
     return np.asarray((1.0 - pole**2) / np.abs(1.0 - pole * z) ** 2)
 
 
-def delay(number: int) -> Complex:
+def delay(number: int) -> ComplexArray:
     """z⁻¹ = e^(-iω) at the frequencies of a transform of so many samples."""
     return np.asarray(np.exp(-2j * np.pi * np.arange(number // 2 + 1) / number))
 
 
-def response(answer: Array, number: int) -> Complex:
+def response(answer: Array, number: int) -> ComplexArray:
     """Of an answer to a unit sample, at the frequencies of a transform of so many samples."""
     return np.asarray(np.fft.rfft(answer[:number], number))
 

@@ -12,20 +12,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from beltcomm.arrays import Array
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.likelihood.problem import Nuisance
 from beltcomm.fit.noise.decimation import decimate_torque
 from beltcomm.fit.noise.level import robust_rms, torque_step
 from beltcomm.fit.records import Data, prepare_records
 from beltcomm.fit.torque.path import Lag, TorquePath
-from beltcomm.fit.torque.reading_fit import NORMAL_95, TAPS, WHOLE, colour_of, lively_pairs, whitened_row
+from beltcomm.fit.torque.reading_fit import TAPS, WHOLE, colour_of, lively_pairs, whitened_row
 from beltcomm.model import Model
+from beltcomm.model.value import NORMAL_95
 from beltcomm.simulate.inverse import acting_torque, true_motion
-
-Array = NDArray[np.float64]
 
 #: Rounds at most; relative step of a difference; largest relative change at a time; fall of O worth a round, nats; iterations of its fit.
 ROUNDS, STEP, MOST, WORTH, ITERATIONS = 8, 0.02, 0.4, 10.0, 6

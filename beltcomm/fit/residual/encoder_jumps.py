@@ -13,15 +13,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from beltcomm.arrays import Array
 from beltcomm.errors import DamagedRecord
-from beltcomm.fit.residual.segment import segments, whitened_residual
+from beltcomm.fit.residual.segment import segments
+from beltcomm.fit.residual.whitened import whitened_residual
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-
-Array = NDArray[np.float64]
 
 #: How far a step must stand out: times the 99th percentile of the record's steps, plus encoder steps.  On simulated axes the largest
 #: regular step is 1.4 times the percentile in excited records and 4 times in strokes, where it is 3 encoder steps.

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, BoolArray
 from beltcomm.fit.noise.propagation import path_of, stiffness_levels
 from beltcomm.fit.noise.whitening import noises
 from beltcomm.model import Model
@@ -18,8 +18,6 @@ from beltcomm.model.mounted import loaded_model
 from beltcomm.simulate.inverse import FineMotion, acting_torque, follow_bodies, linear_innovations, motor_load, true_motion
 from beltcomm.simulate.kernels.observer import ObserverState, filter_columns, reset
 from beltcomm.simulate.kernels.writer import catalogue_bodies
-
-Array = NDArray[np.float64]
 
 #: s without a sample that counts, after which a carriage may be anywhere in its gap.
 FORGOTTEN_S = 0.04
@@ -58,7 +56,7 @@ class Observer:
     motion: FineMotion
     torque: Array
 
-    def white(self, torque: Array, keep: NDArray[np.bool_]) -> Array:
+    def white(self, torque: Array, keep: BoolArray) -> Array:
         """First-order change of the innovations, over their deviation, by changes of the residual, N m, (n,) or (n, k)."""
         w = self.watch
         columns = np.ascontiguousarray(torque if torque.ndim == 2 else torque[:, None])
@@ -144,7 +142,7 @@ def load_beyond_motor(model: Model, motion: FineMotion, torque: Array, vector: A
     return left
 
 
-def settling_samples(keep: NDArray[np.bool_], sample_s: float) -> NDArray[np.bool_]:
+def settling_samples(keep: BoolArray, sample_s: float) -> BoolArray:
     """Samples that do not count, behind so many of them that the carriage may be anywhere in its gap when the next one does; (n,).
 
     Parameters
@@ -161,7 +159,7 @@ def settling_samples(keep: NDArray[np.bool_], sample_s: float) -> NDArray[np.boo
     """
     number = np.arange(len(keep))
     since = number - np.maximum.accumulate(np.where(keep, number, -1))
-    ends: NDArray[np.bool_] = ~keep & np.append(keep[1:], False)
+    ends: BoolArray = ~keep & np.append(keep[1:], False)
     return ends & (since * sample_s >= FORGOTTEN_S)
 
 
@@ -192,7 +190,7 @@ def untuned_observer(
     model: Model,
     motion: FineMotion,
     torque: Array,
-    keep: NDArray[np.bool_],
+    keep: BoolArray,
     step_rad: float,
     noise_nm: float,
     rounding: tuple[float, float],

@@ -21,14 +21,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, BoolArray
 from beltcomm.compiled import compiled
 from beltcomm.model import Model
 from beltcomm.simulate.inverse import FineMotion
-from beltcomm.simulate.kernels.mean import triangular_mean
-
-Array = NDArray[np.float64]
+from beltcomm.simulate.kernels.pieces import triangular_mean
 
 #: Parameter of the friction that turns.
 LEVEL = "coulomb.level"
@@ -61,7 +59,7 @@ def turns_at_once(model: Model) -> bool:
 
 def motion_through_reversals(
     motion: FineMotion, model: Model, slow_rad_s: float, rebuilt: Callable[..., FineMotion]
-) -> tuple[FineMotion, NDArray[np.bool_], Array | None]:
+) -> tuple[FineMotion, BoolArray, Array | None]:
     """The motion with friction that turns at the right instants, samples that count, (n,), and what the kernel's friction of level 1 lacks.
 
     Parameters
@@ -90,7 +88,7 @@ def motion_through_reversals(
     return motion, ~samples_at(doubtful | last, motion.substeps), reversal_correction(motion, instants, ratio)[1]
 
 
-def find_passages(motion: FineMotion, slow_rad_s: float, least_rad_s2: float) -> tuple[NDArray[np.bool_], Array]:
+def find_passages(motion: FineMotion, slow_rad_s: float, least_rad_s2: float) -> tuple[BoolArray, Array]:
     """Points of the fine grid, (fine,), at which the motor may have stuck; and instants at which it surely did not, in fine steps.
 
     Parameters
@@ -107,7 +105,7 @@ def find_passages(motion: FineMotion, slow_rad_s: float, least_rad_s2: float) ->
 
 
 @compiled
-def _passages(omega: Array, slow: float, least: float, doubtful: NDArray[np.bool_], instants: Array) -> int:
+def _passages(omega: Array, slow: float, least: float, doubtful: BoolArray, instants: Array) -> int:
     """:func:`find_passages` with ``least`` per fine step; number of instants."""
     n, count, i = omega.shape[0], 0, 0
     while i < n:
@@ -141,7 +139,7 @@ def _passages(omega: Array, slow: float, least: float, doubtful: NDArray[np.bool
     return count
 
 
-def samples_at(doubtful: NDArray[np.bool_], substeps: int) -> NDArray[np.bool_]:
+def samples_at(doubtful: BoolArray, substeps: int) -> BoolArray:
     """Samples whose triangular weight touches a doubtful point; the ends too.
 
     Parameters
@@ -200,7 +198,7 @@ def _between(points: Array) -> Array:
 
 
 @compiled
-def _rest(omega: Array, left: Array, doubtful: NDArray[np.bool_], step: float, slow: float, rubbed: Array) -> None:
+def _rest(omega: Array, left: Array, doubtful: BoolArray, step: float, slow: float, rubbed: Array) -> None:
     """Direction of friction, mean over each fine step, written where the motor may have stuck.
 
     omega : rad/s, (fine,).   left : torque that is left for friction, over its level, (fine - 1,).   step : by which the level alone

@@ -25,17 +25,16 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array, ComplexArray
 from beltcomm.compiled import compiled
 from beltcomm.fit.noise.process_torque import Unread
-from beltcomm.fit.noise.propagation import AROUND, POINTS, Complex, NoisePath, at_roots, noise_path, stiffness_levels
+from beltcomm.fit.noise.propagation import AROUND, POINTS, NoisePath, at_roots, noise_path, stiffness_levels
 from beltcomm.fit.noise.whitening import gains_of, noises
 from beltcomm.fit.residual.segment import Segment
 from beltcomm.model import Model
 from beltcomm.model.mounted import Mounted, loaded_model
 
-Array = NDArray[np.float64]
 #: Place, m, sampling period, s, and load of a record.
 Where = tuple[float, float, Mounted | None]
 
@@ -167,7 +166,7 @@ class _Kind:
             self._known = {id(plain): found} if len(self._known) > 40 else {**self._known, id(plain): found}
         return found[1]
 
-    def _weight(self, unread: Unread) -> Complex:
+    def _weight(self, unread: Unread) -> ComplexArray:
         """W c of the module, grouped as the residual is, at :data:`AROUND`."""
         segment = self.segment
         path, gains, deviation = self.filter

@@ -10,23 +10,20 @@ Coulomb friction cannot stick.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
+from beltcomm.arrays import Array, BoolArray
 from beltcomm.compiled import compiled
 from beltcomm.fit.noise.colour import WHITE_NOISE, NoiseColour
 from beltcomm.fit.noise.decimation import decimate, decimate_torque, decimated_noise, decimation, smallest_step
 from beltcomm.fit.noise.process_torque import Unread
-from beltcomm.fit.noise.propagation import NoiseSchedule, noise_schedule
-from beltcomm.fit.noise.whitening import Whitener, whitener
-from beltcomm.fit.residual.observer import Observation, Observer, innovations, needs_observer, tuned_observers, untuned_observer
-from beltcomm.fit.residual.reversals import LEVEL, motion_through_reversals, turns_at_once
-from beltcomm.fit.residual.slack_strand import stiffness_left
+from beltcomm.fit.noise.whitening import Whitener
+from beltcomm.fit.residual.observer import Observation, Observer
+from beltcomm.fit.residual.reversals import motion_through_reversals, turns_at_once
 from beltcomm.fit.residual.smoother import smooth_motion
 from beltcomm.fit.residual.usable_samples import (
     creep_motion,
@@ -49,12 +46,9 @@ from beltcomm.simulate.inverse import (
     coarse,
     fine_load,
     reconstruct,
-    torque_residuals,
     true_motion,
 )
-from beltcomm.simulate.kernels.mean import ABSURD_NM
-
-Array = NDArray[np.float64]
+from beltcomm.simulate.kernels.pieces import ABSURD_NM
 
 #: rad/s at the motor: below this speed anywhere within a sample the motor may be sticking.  Three encoder steps of a 65536-count
 #: encoder per millisecond; on simulated axes 0.1 still lets sticking samples through and 0.2 to 0.8 give equal residuals.
@@ -77,10 +71,6 @@ SUBSTEPS = 16
 COARSE_SUBSTEPS = 4
 #: m; largest stretch of the belt at the start of a segment that begins in motion: 10 m/s² on 10 kg and 200 kN/m.
 MOVING_STRETCH_M = 5e-4
-#: Squared whitened residual beyond which a sample has no more weight when a start offset is looked for: five deviations.
-OUTLIER = 25.0
-#: Whiteners that are kept with a segment.
-KNOWN = 2
 #: By how much more than the model's friction at the carriage the belt may be stretched where the axis begins at rest.
 HELD_SPREAD = 1.2
 
@@ -128,7 +118,7 @@ class Segment:
     position: Array
     torque: Array
     motion: FineMotion
-    keep: NDArray[np.bool_]
+    keep: BoolArray
     noise_nm: float
     step_rad: float
     offset_m: float
@@ -424,205 +414,7 @@ def start_offset(model: Model, motion: FineMotion) -> float:
     return min(HELD_SPREAD * model.get("cart_friction.level") * compliance, MOVING_STRETCH_M)
 
 
-def with_observer(segment: Segment, model: Model) -> Segment:
-    """The segment with the observer that a model with a gap needs, or without one.
-
-    Parameters
-    ----------
-    segment : Segment
-        With its noise.
-    model : Model
-        That it is made for.
-
-    Returns
-    -------
-    Segment
-        A new one.
-    """
-    return with_observers([segment], [model])[0]
-
-
-def with_observers(segments: Sequence[Segment], models: Sequence[Model]) -> list[Segment]:
-    """Several segments with the observers that their models need, each for a model of its own; the effects of all are the same.
-
-    Parameters
-    ----------
-    segments : sequence of Segment
-        With their noise.
-    models : sequence of Model
-        One for each.
-
-    Returns
-    -------
-    list of Segment
-        In their order.
-    """
-    if not models or not needs_observer(models[0]):
-        return [segment if segment.observer is None else replace(segment, observer=None) for segment in segments]
-    observers = []
-    for segment, model in zip(segments, models, strict=True):
-        noise = (segment.step_rad, segment.noise_nm, segment.rounding, segment.offset_m, segment.process_noise, segment.freedom_m)
-        observers.append(untuned_observer(model, segment.motion, segment.torque, segment.keep, *noise))
-    return [replace(segment, observer=observer) for segment, observer in zip(segments, tuned_observers(observers), strict=True)]
-
-
-def evaluate(segment: Segment, model: Model, vector: Array, offset_m: float = 0.0) -> Array:
-    """Residual e[n], N m at the motor shaft, (n,): all samples, also those not kept.
-
-    Parameters
-    ----------
-    offset_m : float
-        See ``fine_load``.
-    """
-    if segment.observer is not None:
-        return innovations(segment.observations, model, [vector])[0][1]
-    return evaluate_each(segment, model, [vector], [offset_m])[0]
-
-
-def evaluate_each(segment: Segment, model: Model, vectors: Sequence[Array], offsets_m: Sequence[float]) -> list[Array]:
-    """Residual e[n] of a segment without an observer for several vectors of parameters side by side.
-
-    Parameters
-    ----------
-    segment : Segment
-        Without an observer.
-    model : Model
-        For effects and bodies.
-    vectors : sequence of ndarray, (k,)
-        Values of the parameters.
-    offsets_m : sequence of float, m
-        Stretch of the belt at the start, for each.
-
-    Returns
-    -------
-    list of ndarray, (n,)
-        N m at the motor shaft.
-    """
-    left = torque_residuals(model, segment.motion, segment.torque, vectors, offsets_m)
-    if segment.turns is None:
-        return left
-    level = model.index(LEVEL)
-    return [e + p[level] * segment.turns for e, p in zip(left, vectors, strict=True)]
-
-
-def whitened_residual(segment: Segment, model: Model, vector: Array, offset_m: float = 0.0) -> Array:
-    """Residual of the kept samples in units of its own noise: independent, variance 1 where the model is right.
-
-    Parameters
-    ----------
-    segment : Segment
-        With or without an observer.
-    model : Model
-        For effects and bodies.
-    vector : ndarray, (k,)
-        Values of the parameters.
-    offset_m : float, m
-        Stretch of the belt at the start; unused with an observer.
-
-    Returns
-    -------
-    ndarray, (values,)
-        In units of its noise.
-    """
-    if segment.observer is not None:
-        return observed_residuals([segment], model, [vector])[0]
-    return in_noise(segment, model, vector, evaluate(segment, model, vector, offset_m))
-
-
-def squares_left(piece: Segment, model: Model, vector: Array) -> Array:
-    """Squared whitened residual of a segment that the model was not fitted to; only where its carriage stuck at the start is.
-
-    Parameters
-    ----------
-    piece : Segment
-        Of a record that is not fitted.
-    model : Model
-        For effects and bodies.
-    vector : ndarray, (k,)
-        Values of the parameters.
-
-    Returns
-    -------
-    ndarray, (values,)
-        1 in the mean where the model is right.
-    """
-
-    def cost(offset_m: float) -> float:
-        return float(np.sum(np.minimum(whitened_residual(piece, model, vector, offset_m) ** 2, OUTLIER)))
-
-    best = minimize_scalar(cost, bounds=(-piece.offset_m, piece.offset_m), method="bounded", options={"xatol": 1e-7})
-    return whitened_residual(piece, model, vector, float(best.x)) ** 2
-
-
-def observed_residuals(segments: Sequence[Segment], model: Model, vectors: Sequence[Array]) -> list[Array]:
-    """Whitened residuals of segments with observers, each with a vector of its own.
-
-    Parameters
-    ----------
-    segments : sequence of Segment
-        All with observers.
-    model : Model
-        For effects and bodies.
-    vectors : sequence of ndarray, (k,)
-        Values of the parameters, one for each observation.
-
-    Returns
-    -------
-    list of ndarray, (values,)
-        In units of their noise.
-    """
-    whites = innovations([one for segment in segments for one in segment.observations], model, vectors)
-    return [segment.group_sums(white[segment.keep]) for segment, (white, _) in zip(segments, whites, strict=True)]
-
-
-def in_noise(segment: Segment, model: Model, vector: Array, torque: Array) -> Array:
-    """A torque in units of the residual's noise; linear in the torque.
-
-    Parameters
-    ----------
-    segment : Segment
-        For its samples and noise.
-    model : Model
-        By which the noise is passed on.
-    vector : ndarray, (k,)
-        Values of its parameters.
-    torque : ndarray, (n,) or (n, m), N m
-        Several at once with a whitener worked out beforehand alone.
-
-    Returns
-    -------
-    ndarray, (values,) or (values, m)
-        Of the kept samples.
-    """
-    if segment.observer is not None or not (segment.own_noise or segment.whitener is None):
-        return segment.white(torque)
-    key = (model.effects, vector.tobytes())
-    if key not in segment.known:
-        while len(segment.known) >= KNOWN:
-            del segment.known[next(iter(segment.known))]
-        segment.known[key] = whitener_of(segment, model.with_vector(vector))
-    return segment.group_sums(segment.known[key](torque, segment.keep))
-
-
-def whitener_of(segment: Segment, model: Model) -> Whitener:
-    """The filter of a segment for the noise that a model passes on.
-
-    Parameters
-    ----------
-    segment : Segment
-        For its samples and noise.
-    model : Model
-        By which the noise is passed on.
-
-    Returns
-    -------
-    Whitener
-        Kalman filter with the gains of the segment.
-    """
-    return whitener(segment.keep, noise_paths_of(segment, model), segment.step_rad, segment.noise_nm, segment.rounding, segment.colour)
-
-
-def group_starts(keep: NDArray[np.bool_], size: int) -> NDArray[np.intp]:
+def group_starts(keep: BoolArray, size: int) -> NDArray[np.intp]:
     """Places, among the kept samples, of the first of every so many neighbours in time.
 
     The sum of neighbouring values of the whitened residual over √size is white again and holds the lower 1/size of the frequencies: above
@@ -661,23 +453,3 @@ def _sum_groups(single: Array, firsts: NDArray[np.intp], size: int, out: Array) 
             for i in range(1, size):
                 total += single[firsts[g] + i, c]
             out[g, c] = scale * total
-
-
-def noise_paths_of(segment: Segment, model: Model) -> NoiseSchedule:
-    """Paths of torque noise and rounding to the residual of a segment.
-
-    Parameters
-    ----------
-    segment : Segment
-        For its places and load.
-    model : Model
-        By which the noise is passed on.
-
-    Returns
-    -------
-    NoiseSchedule
-        Which path holds at each sample.
-    """
-    motion, model = segment.motion, loaded_model(model, segment.motion.mounted)
-    places = motion.theta[:: motion.substeps] * model["transmission.ratio"]
-    return noise_schedule(model, places, motion.sample_s, stiffness_left(model, motion))

@@ -15,17 +15,15 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 from scipy.linalg import LinAlgError, LinAlgWarning, expm, solve_discrete_are, solve_discrete_lyapunov
 
+from beltcomm.arrays import Array
 from beltcomm.compiled import compiled
 from beltcomm.errors import Refused
 from beltcomm.model import Model
 from beltcomm.model.linear import matrices, operating_point
 from beltcomm.simulate.inverse import FineMotion
-
-Array = NDArray[np.float64]
 
 #: Share of the torque's rms by which the model is off at least, first and once friction's direction is known.
 SHARES = (0.3, 0.05, 0.05)

@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
+from beltcomm.arrays import Array, BoolArray
 from beltcomm.simulate.inverse import FineMotion
-
-Array = NDArray[np.float64]
 
 #: s, and steps of the encoder: a motor that gets on by so many steps in so long, before and after, is not at rest.
 CREEP_S, CREEP_STEPS = 0.05, 3.0
@@ -28,7 +27,7 @@ RUN_IN_TRAVEL_M = 1e-4
 RUN_IN_S = 0.2
 
 
-def resting_samples(motion: FineMotion, stick_speed: float) -> NDArray[np.bool_]:
+def resting_samples(motion: FineMotion, stick_speed: float) -> BoolArray:
     """Samples whose triangular weight (one period before and after) touches a reversal or a speed below the stick speed.
 
     Parameters
@@ -53,7 +52,7 @@ def resting_samples(motion: FineMotion, stick_speed: float) -> NDArray[np.bool_]
     return touched
 
 
-def creeping_samples(position: Array, sample_s: float, step_rad: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def creeping_samples(position: Array, sample_s: float, step_rad: float) -> tuple[BoolArray, BoolArray]:
     """Samples around which the motor goes on in one direction, however slowly, and those of them where it does so evenly.
 
     In each of the two spans of time before and after it, it gets on by several steps of the encoder, nowhere there back by one, and
@@ -93,7 +92,7 @@ def creeping_samples(position: Array, sample_s: float, step_rad: float) -> tuple
     return found, even
 
 
-def shaken_samples(position: Array, setpoint: Array, inertia: float, sample_s: float) -> NDArray[np.bool_]:
+def shaken_samples(position: Array, setpoint: Array, inertia: float, sample_s: float) -> BoolArray:
     """Samples around which a torque setpoint jumps by as much as stops or turns a creeping motor within a count, (n,).
 
     Then friction never builds up against its way: it gets on under less torque than the level of the friction.
@@ -115,7 +114,7 @@ def shaken_samples(position: Array, setpoint: Array, inertia: float, sample_s: f
     return np.asarray(jump > SHAKEN * speed)
 
 
-def sparse_creep(position: Array, keep: NDArray[np.bool_], sample_s: float, step_rad: float) -> NDArray[np.bool_]:
+def sparse_creep(position: Array, keep: BoolArray, sample_s: float, step_rad: float) -> BoolArray:
     """Samples of a motor that creeps evenly in one direction, of which but a part counts, (n,).
 
     Which of them count there the steps of the encoder say, and a controller that answers to each of these makes their torque another one
@@ -137,7 +136,7 @@ def sparse_creep(position: Array, keep: NDArray[np.bool_], sample_s: float, step
     return np.asarray(even & (uniform_filter1d(keep.astype(np.float64), width, mode="nearest") < DENSE))
 
 
-def _goes_back(path: Array, span: int, step: float) -> NDArray[np.bool_]:
+def _goes_back(path: Array, span: int, step: float) -> BoolArray:
     """Beginnings of a span of samples in which a path falls from some sample to a later one by more than a step, (n - span,)."""
     last = np.full(len(path), -1)  # before each sample, the last one that stands so much higher
     for lag in range(1, span + 1):
@@ -159,7 +158,7 @@ def _deviation(path: Array, begins: NDArray[np.intp], span: int) -> Array:
     return off
 
 
-def creep_motion(motion: FineMotion, position: Array, creeps: NDArray[np.bool_]) -> tuple[Array, Array] | None:
+def creep_motion(motion: FineMotion, position: Array, creeps: BoolArray) -> tuple[Array, Array] | None:
     """Motion on the fine grid, even over the span of time in which the motor creeps.
 
     Between two steps of the encoder the angle stands, and friction would seem to turn with every step.
@@ -191,7 +190,7 @@ def creep_motion(motion: FineMotion, position: Array, creeps: NDArray[np.bool_])
     return theta, omega
 
 
-def samples_between_counts(angle: Array, position: Array, step_rad: float) -> NDArray[np.bool_]:
+def samples_between_counts(angle: Array, position: Array, step_rad: float) -> BoolArray:
     """Samples around which an angle swings further than its counts tell, (n,): a slow motion that steps now and then looks so.
 
     Parameters
@@ -205,7 +204,7 @@ def samples_between_counts(angle: Array, position: Array, step_rad: float) -> ND
     return np.asarray(ways[0] > MOST_WAY * (ways[1] + step_rad))
 
 
-def run_in_samples(motion: FineMotion, ratio: float) -> NDArray[np.bool_]:
+def run_in_samples(motion: FineMotion, ratio: float) -> BoolArray:
     """Samples after the carriage has first moved far enough to have forgotten where it stuck.
 
     Parameters

@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-Array = NDArray[np.float64]
+from beltcomm.arrays import Array
+
 TAU = math.tau
 
 #: Cut-off: highest, of the sampling rate, lowest, Hz, and how many are tried; share of the acceleration that its rounding may be.

@@ -9,8 +9,7 @@ import numpy as np
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError, UsageError
 from beltcomm.fit.loads import with_loads
-from beltcomm.fit.start.first_estimate import INERTIA_SHARES, RIGID_EFFECTS, build_for, first_estimate
-from beltcomm.fit.start.first_path import first_path
+from beltcomm.fit.start.first_estimate import INERTIA_SHARES, RIGID_EFFECTS, build_for, first_estimate, first_path
 from beltcomm.fit.start.rigid import least_squares, rigid_estimate
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording

@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import nnls
 
+from beltcomm.arrays import Array
 from beltcomm.errors import DataError
 from beltcomm.fit.noise.decimation import smallest_step
 from beltcomm.fit.start.low_pass import legible
 from beltcomm.model import Model
 from beltcomm.recording import Recording
-
-Array = NDArray[np.float64]
 
 #: Rows that a record needs for least squares.
 SHORTEST = 20
@@ -82,7 +80,7 @@ def least_squares(recordings: Sequence[Recording], sheet: float | None = None) -
         for first, last in record.pieces:
             if last - first < SHORTEST:
                 continue
-            rows, torque, place = band_limited(record.position[first:last], record.torque[first:last], record.sample_period_s, step)
+            rows, torque, place = low_passed_rows(record.position[first:last], record.torque[first:last], record.sample_period_s, step)
             left.append(rows)
             right.append(torque)
             turns = record.side != "load" and float(np.ptp(place)) > TURNS_RAD if len(place) else False
@@ -108,7 +106,7 @@ def _solved(rows: Array, torque: Array) -> tuple[Array, float]:
     return np.asarray(found), float(rest)
 
 
-def band_limited(position: Array, torque: Array, sample_s: float, step_rad: float) -> tuple[Array, Array, Array]:
+def low_passed_rows(position: Array, torque: Array, sample_s: float, step_rad: float) -> tuple[Array, Array, Array]:
     """Rows of the rigid equation of motion behind one low-pass, without its ends.
 
     Parameters

@@ -16,17 +16,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
+from beltcomm.arrays import Array
 from beltcomm.errors import DataError
 from beltcomm.model import Model
 from beltcomm.model.linear import fastest_rate, operating_point
+from beltcomm.model.value import NORMAL_95
 from beltcomm.recording import Recording
 from beltcomm.simulate.forward import integrate_torque
-
-Array = NDArray[np.float64]
+from beltcomm.simulate.stopping import total_friction, total_viscous
 
 #: How far each parameter may be from what is known before, standard deviation of its logarithm; others stay as they are.
 BEFORE: Mapping[str, float] = {
@@ -61,6 +61,9 @@ LEAST, ABSURD_RAD, LATE_S = 1e-9, 1e3, 1e-3
 LAG_WIDTH = 0.5
 #: How well the laws can mean a machine, relative to each parameter: added to its interval.
 LAW = 0.003
+#: Share by which friction differs from pass to pass beyond what a pass itself shows, and the one that passes count with: rows that hide
+#: how the motor swings mistake friction by more than they show, and what moves on is what a controller sends ahead for.
+PASSES_DIFFER, PASSES_COUNT = 0.02, 0.002
 
 
 def comes_seldom(recording: Recording) -> bool:
@@ -161,13 +164,53 @@ class _OpenLoop:
         return np.nan_to_num(self.measured - rows, nan=ABSURD_RAD, posinf=ABSURD_RAD, neginf=-ABSURD_RAD)
 
 
-def estimate(recordings: Sequence[Recording], start: Model, late_s: float, names: Sequence[str] = tuple(BEFORE)) -> SeldomEstimate:
+@dataclass(frozen=True, eq=False)
+class SteadyPasses:
+    """Passes at constant speed, motor side: friction that no row needs to be differentiated for.
+
+    Attributes
+    ----------
+    speed_rad_s, torque_nm, error_nm : ndarray (n,)
+        Means, and the standard deviation of that torque.
+    """
+
+    speed_rad_s: Array
+    torque_nm: Array
+    error_nm: Array
+
+    def left(self, model: Model) -> Array:
+        """Torque that the friction of a model leaves, over what it counts with, (n,):  (τ - τ_C sign ω - d ω - τ_0)/σ."""
+        friction = total_friction(model) * np.sign(self.speed_rad_s) + total_viscous(model) * self.speed_rad_s
+        return np.asarray((self.torque_nm - friction - model.get("constant_offset.torque")) / self._apart(PASSES_COUNT))
+
+    @property
+    def scatter(self) -> Array:
+        """Standard deviation of :meth:`left`, (n,)."""
+        return self._apart(PASSES_DIFFER) / self._apart(PASSES_COUNT)
+
+    def _apart(self, share: float) -> Array:
+        return np.asarray(np.hypot(self.error_nm, share * np.abs(self.torque_nm)))
+
+
+#: None.
+NO_PASSES = SteadyPasses(*np.empty((3, 0)))
+
+
+def estimate(
+    recordings: Sequence[Recording],
+    start: Model,
+    late_s: float,
+    names: Sequence[str] = tuple(BEFORE),
+    passes: SteadyPasses = NO_PASSES,
+) -> SeldomEstimate:
     """The parameters ``names`` of a model that begins at ``start``, but those that it holds, from records in open loop.
 
     Parameters
     ----------
     late_s : float
         Torque setpoint to acting torque, s, as thought of before.
+    passes : SteadyPasses
+        At constant speed, of which friction is known beside the rows.
 
     Raises
     ------
@@ -196,8 +239,11 @@ def estimate(recordings: Sequence[Recording], start: Model, late_s: float, names
         model = model_of(x)
         return np.concatenate([one.left(model, LATE_S * float(x[-2]), LATE_S * float(x[-1])) for one in rows])
 
+    def beside(x: Array) -> Array:
+        return np.append((x - before) / width, passes.left(model_of(x)))
+
     def cost(x: Array, scatter: float) -> Array:
-        return np.append(left(x) / scatter, (x - before) / width)
+        return np.append(left(x) / scatter, beside(x))
 
     # what the model allows, and in it room for a step of the differences
     least, most = np.array([(start.parameters[n].low, start.parameters[n].high) for n in names]).T
@@ -217,13 +263,16 @@ def estimate(recordings: Sequence[Recording], start: Model, late_s: float, names
         found.append((by, at))
     scatter, at = min(found, key=lambda one: one[0])
     rest = left(at)
-    slopes = np.stack([(left(at + DIFFERENCE * axis) - rest) / DIFFERENCE for axis in np.eye(len(at))], axis=1)
-    spread = _sandwich(rest, slopes, width, scatter, [(len(one.measured), one.sample_s) for one in rows])
-    late_half_s, spread = 1.96 * LATE_S * math.sqrt(spread[-2:, -2:].sum()), spread[:-2, :-2]
+    slopes, known = (
+        np.stack([(of(at + DIFFERENCE * axis) - of(at)) / DIFFERENCE for axis in np.eye(len(at))], axis=1) for of in (left, beside)
+    )
+    scattered = np.append(np.ones(len(at)), passes.scatter)
+    spread = _sandwich(rest, slopes, known, scattered, scatter, [(len(one.measured), one.sample_s) for one in rows])
+    late_half_s, spread = NORMAL_95 * LATE_S * math.sqrt(spread[-2:, -2:].sum()), spread[:-2, :-2]
     model = model_of(at)
     scale = np.append(values_of(at)[:k], [SIGNED[n] for n in names[k:]])
-    covariance = spread * np.outer(scale, scale) + np.diag((LAW / 1.96 * values_of(at)) ** 2)
-    half = 1.96 * np.sqrt(np.diag(covariance))
+    covariance = spread * np.outer(scale, scale) + np.diag((LAW / NORMAL_95 * values_of(at)) ** 2)
+    half = NORMAL_95 * np.sqrt(np.diag(covariance))
     told = {n: replace(model.parameters[n], interval=float(h)) for n, h in zip(names, half, strict=True)}
     inertia = model["motor.inertia"] + model["transmission.ratio"] ** 2 * model["cart.mass"]
     parts = np.split(rest, np.cumsum([len(one.measured) for one in rows])[:-1])
@@ -239,17 +288,17 @@ def estimate(recordings: Sequence[Recording], start: Model, late_s: float, names
     )
 
 
-def _sandwich(rest: Array, slopes: Array, width: Array, scatter: float, records: Sequence[tuple[int, float]]) -> Array:
-    """Covariance of the logarithms, (k, k):  A⁻¹ (Σ_b g_b g_bᵀ + 1/σ²) A⁻¹,  A = JᵀJ/s² + 1/σ²,  g_b the gradient of a block."""
-    before = np.diag(1.0 / width**2)
-    inverse = np.linalg.inv(slopes.T @ slopes / scatter**2 + before)
-    gradients, first = [], 0
+def _sandwich(rest: Array, slopes: Array, known: Array, scattered: Array, scatter: float, records: Sequence[tuple[int, float]]) -> Array:
+    """Covariance of the logarithms, (k, k):  A⁻¹ (Σ_b g_b g_bᵀ + KᵀSK) A⁻¹,  A = JᵀJ/s² + KᵀK,  g_b the gradient of a block, K the slopes
+    of what is known beside the rows, S its variance."""
+    inverse = np.linalg.inv(slopes.T @ slopes / scatter**2 + known.T @ known)
+    gradients, first = [*(known * scattered[:, np.newaxis])], 0
     for count, sample_s in records:
         for block in np.array_split(np.arange(first, first + count), max(1, round(count * sample_s / BLOCK_S))):
             gradients.append(slopes[block].T @ rest[block] / scatter**2)
         first += count
-    scattered = np.array(gradients)
-    return np.asarray(inverse @ (scattered.T @ scattered + before) @ inverse)
+    all_of_them = np.array(gradients)
+    return np.asarray(inverse @ (all_of_them.T @ all_of_them) @ inverse)
 
 
 def first_of_seldom(recordings: Sequence[Recording], start: Model) -> Model:

@@ -22,15 +22,13 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltcomm.arrays import Array
 from beltcomm.compiled import compiled
-from beltcomm.fit.noise.colour import NoiseColour
-from beltcomm.fit.noise.deconvolution import deconvolve, undone_noise
+from beltcomm.fit.noise.colour import NoiseColour, deconvolve, undone_noise
 from beltcomm.fit.noise.process_torque import ProcessTorque, Unread, process_from_dict, process_to_dict, with_unread
-from beltcomm.simulate.intersample import CELLS, Intersample
+from beltcomm.simulate.imperfect import CELLS, Intersample
 
-Array = NDArray[np.float64]
 #: A filter: of the drive's samples, or of continuous time and of first or second order, as a current loop is; or a limit of the slew rate.
 Kind = Literal["sampled", "first order", "second order", "slew rate"]
 
@@ -277,7 +275,7 @@ class TorquePath:
         Whether the reading is only the command.
     acts : float
         Share of what the reading differs from the setpoint's part by that acts and is no noise of the sensor; 1 where nobody knows.
-    unseen : bool
+    without_setpoint : bool
         Whether no setpoint was recorded: then the delay is known to whole periods only, and all else is told by the motion.
     rivals : tuple of TorquePath
         Other paths that the records do not tell from this one.
@@ -289,7 +287,7 @@ class TorquePath:
     reading: ReadingLaw = field(default_factory=ReadingLaw)
     commanded: bool = False
     acts: float = 1.0
-    unseen: bool = False
+    without_setpoint: bool = False
     rivals: tuple[TorquePath, ...] = field(default=(), compare=False)
     process: ProcessTorque | None = None
 
@@ -374,7 +372,7 @@ class TorquePath:
         ValueError
             For a path that cannot be undone.
         """
-        if self.commanded or (self.reading.faithful and self.drive is None) or not (self.unseen or self.drive is None):
+        if self.commanded or (self.reading.faithful and self.drive is None) or not (self.without_setpoint or self.drive is None):
             return self._beside_setpoint(pole, sample_s)
         shown, cells, poles = self._answers(sample_s)
         rising = (np.arange(CELLS) + 0.5) / CELLS**2  # the residual has the triangular mean of the torque over two periods
@@ -448,7 +446,7 @@ class TorquePath:
 
     @property
     def _law(self) -> DriveLaw:
-        """Law from an unseen setpoint, whose delay is less than a period, or from the command that is read."""
+        """Law from a setpoint that was not recorded, whose delay is less than a period, or from the command that is read."""
         law = self.drive or DriveLaw(0.0)
         if self.commanded:
             return law
@@ -457,7 +455,7 @@ class TorquePath:
         )
 
     def _answers(self, sample_s: float) -> tuple[Array, Array, tuple[complex, ...]]:
-        """Answers to an unseen setpoint that is 1 for a period, of the reading and of the torque in each cell; their poles."""
+        """Answers of reading and torque in each cell to a setpoint, not recorded, that is 1 for a period; their poles."""
         law = self._law
         poles = tuple(pole for lag in (*law.lags, *self.reading.lags) for pole in lag.poles(sample_s))
         pulse = np.zeros(_length(poles))
@@ -508,7 +506,7 @@ def path_to_dict(path: TorquePath) -> dict[str, Any]:
         "reading": {"late": float(path.reading.late), "lags": lags(path.reading), "at_end": path.reading.at_end},
         "commanded": path.commanded,
         "acts": float(path.acts),
-        "unseen": path.unseen,
+        "unseen": path.without_setpoint,
         "rivals": [path_to_dict(rival) for rival in path.rivals],
         **process_to_dict(path.process),
     }

@@ -10,14 +10,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from beltcomm.arrays import Array
 from beltcomm.fit.noise.level import LEAST_COLOUR, MOST_COLOUR, correlation
 from beltcomm.fit.torque.path import DriveLaw, Kind, Lag, torque_at
+from beltcomm.model.value import NORMAL_95
 from beltcomm.recording import Recording
 
-Array = NDArray[np.float64]
 #: Setpoint and reading, (n,) each, N m.
 Pair = tuple[Array, Array]
 
@@ -53,7 +53,7 @@ COARSE = 8
 LONGEST_DELAY, TAPS = 8.0, 12
 #: Step of a difference and evaluations of a search; step of the difference that the intervals rest on, and deviations in half of one.
 STEP, LONGEST = np.array(1e-4), 40
-DIFFERENCE, NORMAL_95 = 1e-3, 1.96
+DIFFERENCE = 1e-3
 #: Gain of -2 ln L beyond ln N for each further value that makes a chain the better one.
 CLEAR = 10.0
 #: -2 ln L above the best up to which the motion is asked; periods below which a delay beside whole ones is none.

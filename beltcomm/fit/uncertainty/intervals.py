@@ -8,6 +8,13 @@ A : information, B = Σ B_r less that of the rounding (``residual.rounding_bias`
 A law that is not quite the machine's makes long segments pull the same way, each kind of record another one; the scatter over time is
 blind to that.  What all records share of it no record can tell: so much is added (:data:`LAW`) to the parameters of every effect that is
 not one of :data:`EXACT`, and to all of them together what the sampling of the motion leaves (:data:`SCALE`).
+
+Where every model is judged in its own noise, each column of a Jacobian holds noise of its own; its share of the squares is
+
+    A = Σ ∂ν ∂νᵀ - E Σ ∂(W T ε) ∂(W T ε)ᵀ
+
+W, T as in ``residual.rounding_bias``.  The expectation hangs on which samples are kept, so it is taken by one draw of the noises ε
+on the samples as they are; thousands of samples make its scatter small.   Source: method sheet, section 3, "not JᵀJ".
 """
 
 from __future__ import annotations
@@ -18,18 +25,19 @@ from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from beltcomm.arrays import Array, BoolArray, IntArray
+from beltcomm.compiled import compiled
 from beltcomm.effects import other_load
 from beltcomm.errors import DataError
 from beltcomm.fit.estimate import INERTIA, Fitted
 from beltcomm.fit.likelihood.problem import Nuisance, Problem, time_blocks
+from beltcomm.fit.noise.whitening import noises
 from beltcomm.fit.records import rounding_torque
-from beltcomm.fit.uncertainty.noise_information import noise_information
+from beltcomm.fit.residual.segment import Segment
+from beltcomm.fit.residual.whitened import noise_paths_of, whitener_of
 from beltcomm.model import Model
-
-Array = NDArray[np.float64]
 
 #: s; groups between which the gradient is taken as independent.
 GROUP_S = 2.0
@@ -217,10 +225,10 @@ def information_of(fitted: Fitted) -> Information:
     return Information(names, scale, scores, pulls, parts, inverse, unknown, float(np.mean(left**2)), elsewhere)
 
 
-def at_bound(fitted: Fitted) -> NDArray[np.bool_]:
+def at_bound(fitted: Fitted) -> BoolArray:
     """Parameters of a fit that sit at a bound, (n,)."""
     problem, own = fitted.problem, len(fitted.problem.free)
-    found: NDArray[np.bool_] = ((fitted.x <= problem.low + 1e-9) | (fitted.x >= problem.high - 1e-9))[:own]
+    found: BoolArray = ((fitted.x <= problem.low + 1e-9) | (fitted.x >= problem.high - 1e-9))[:own]
     return found
 
 
@@ -286,14 +294,14 @@ def inverse_of(information: Array) -> tuple[Array, Array]:
     return (vectors / np.maximum(values, least)) @ vectors.T, unseen @ unseen.T / least
 
 
-def sum_by_label(rows: Array, labels: NDArray[np.int64]) -> Array:
+def sum_by_label(rows: Array, labels: IntArray) -> Array:
     """Sum over each group, (groups, n), of (values, n)."""
     sums = np.zeros((int(labels.max()) + 1, rows.shape[1]))
     np.add.at(sums, labels, rows)
     return sums
 
 
-def records_of(problem: Problem) -> NDArray[np.int64]:
+def records_of(problem: Problem) -> IntArray:
     """Running number of the record of every value of the residual."""
     numbers = {name: i for i, name in enumerate(dict.fromkeys(piece.record for piece in problem.pieces))}
     return np.repeat([numbers[piece.record] for piece in problem.pieces], [len(piece.value_samples) for piece in problem.pieces])
@@ -317,3 +325,67 @@ def with_intervals(fitted: Fitted) -> Model:
         known = replace(fitted.model, parameters=parameters)
         _KNOWN[fitted] = fitted.problem.nuisance, known
     return known
+
+
+def noise_information(problem: Problem, x: Array, weights: Array) -> Array:
+    """Expected sum of squares of the module, (p, p), in nats per scaled unknown squared.
+
+    Parameters
+    ----------
+    x : ndarray
+        Scaled unknowns, p of them shared by all segments.
+    weights : ndarray
+        Of the values of the whitened residual, (n,).
+    """
+    own = len(problem.free)
+    found = np.zeros((own, own))
+    moved = [j for j in range(own) if problem.touches_noise[j]]
+    if not moved:
+        return found
+    ahead = [problem.perturb(x, j) for j in moved]
+    here = problem.model.with_vector(problem.full(x))
+    beside = [problem.model.with_vector(problem.full(other)) for _, other in ahead]
+    at = np.array(moved, dtype=np.intp)
+    for i, piece in enumerate(problem.pieces):
+        if not piece.own_noise:
+            continue
+        weight = weights[problem.ends[i] : problem.ends[i + 1]]
+        base = draw_of_noise(piece, here, i)
+        columns = np.stack(
+            [weight * (draw_of_noise(piece, other, i) - base) / step for other, (step, _) in zip(beside, ahead, strict=True)], 1
+        )
+        found[at[:, None], at] += columns.T @ columns
+    return found
+
+
+def draw_of_noise(piece: Segment, model: Model, seed: int) -> Array:
+    """One draw, by ``seed``, of the noises of a segment as a model passes them on, over the deviation that it expects; (values,)."""
+    along = noise_paths_of(piece, model)
+    levels = [noises(path, piece.step_rad, piece.noise_nm, piece.rounding, piece.colour) for path in along.paths]
+    f, g, h, d = (np.stack([getattr(path, name) for path, _, _ in levels]) for name in "FGHD")
+    variances = levels[0][1]
+    drawn = np.random.default_rng(seed).standard_normal((len(piece.keep), len(variances))) * np.sqrt(variances)
+    return piece.group_sums(whitener_of(piece, model)(_noise_response(f, g, h, d, along.level, drawn), piece.keep))
+
+
+@compiled
+def _noise_response(f: Array, g: Array, h: Array, d: Array, level: IntArray, drawn: Array) -> Array:
+    """e[n], N m at the motor shaft, of drawn noises ε, rad, and w, N m; (n, m) -> (n,)."""
+    size = h.shape[1]
+    s, moved, out = np.zeros(size), np.zeros(size), np.zeros(drawn.shape[0])
+    for n in range(drawn.shape[0]):
+        at, total = level[n], 0.0
+        for m in range(drawn.shape[1]):
+            total += d[at, m] * drawn[n, m]
+        for i in range(size):
+            total += h[at, i] * s[i]
+            value = 0.0
+            for m in range(drawn.shape[1]):
+                value += g[at, i, m] * drawn[n, m]
+            for j in range(size):
+                value += f[at, i, j] * s[j]
+            moved[i] = value
+        out[n] = total
+        for i in range(size):
+            s[i] = moved[i]
+    return out

@@ -17,9 +17,10 @@ from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.likelihood.problem import OFFSET_M, Nuisance
 from beltcomm.fit.path_fit.values import path_nuisance
 from beltcomm.fit.records import Data
-from beltcomm.fit.residual.segment import evaluate_each
+from beltcomm.fit.residual.whitened import evaluate_each
 from beltcomm.fit.uncertainty.intervals import with_intervals
 from beltcomm.model import BASE_BODIES, Model
+from beltcomm.model.value import NORMAL_95
 
 #: Error over the noise up to which a base model explains records.
 EXPLAINED = 1.5
@@ -134,6 +135,6 @@ def _held_nuisance(fitted: Fitted) -> Nuisance | None:
         here, *ahead = evaluate_each(piece, fitted.model, [vector, *moved], [float(offset)] * (1 + len(moved)))
         changes = np.stack([(one - here) / step for one, step in zip(ahead, steps.values(), strict=True)], axis=1)
         columns.append(piece.white(changes))
-    deviations = [TOLERANCES[name] * fitted.model[name] / 1.96 for name in held]
+    deviations = [TOLERANCES[name] * fitted.model[name] / NORMAL_95 for name in held]
     information = np.diag([1.0 / deviation**2 for deviation in deviations])
     return Nuisance(np.concatenate(columns), information, np.zeros(len(held), dtype=np.bool_))

@@ -6,13 +6,11 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtri_exp
 
+from beltcomm.arrays import Array
 from beltcomm.effects import effect_named
 from beltcomm.model.value import Value
-
-Array = NDArray[np.float64]
 
 #: A parameter known worse than this share of its value is named; so are two whose estimates are correlated more than this.
 BADLY_KNOWN_SHARE = 0.2
@@ -116,7 +114,7 @@ def joint_draws(mean: Array, covariance: Array, low: Array, high: Array, count: 
     Parameters
     ----------
     covariance : ndarray
-        C, (k, k), of the fit, with f degrees of ``gap_evidence``; inf is normal.
+        C, (k, k), of the fit, with f degrees of freedom; inf is normal.
     low, high : ndarray (k,)
 
     References

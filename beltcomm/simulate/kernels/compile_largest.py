@@ -7,9 +7,9 @@ import gc
 import numpy as np
 
 from beltcomm.effects import EFFECTS
-from beltcomm.simulate.kernels import ahead, cached, compose
+from beltcomm.simulate.kernels import ahead, compose
+from beltcomm.simulate.kernels.belt_lanes import belt_loads_in_lanes, lane_values
 from beltcomm.simulate.kernels.observer import NOTHING
-from beltcomm.simulate.kernels.plain_belt import plain_belt, values_of
 from beltcomm.simulate.kernels.writer import catalogue_parameters
 
 
@@ -18,12 +18,12 @@ def main() -> None:
     p, on = np.ones(len(catalogue_parameters())), np.zeros(len(EFFECTS), dtype=np.bool_)
     motion, rest, load, cart = np.zeros((4, 3))
     compose.load_module().load(motion, rest, p, on, 0.0, 1.0, 1.0, 0.0, load, cart, NOTHING)
-    richest = values_of(1, lambda name: 1.0 if name.endswith("distance") else 0.5, np.zeros(1))
-    plain_belt(motion, rest, 1.0, 2, 1.0, 0.0, richest)
+    richest = lane_values(1, lambda name: 1.0 if name.endswith("distance") else 0.5, np.zeros(1))
+    belt_loads_in_lanes(motion, rest, 1.0, 2, 1.0, 0.0, richest)
     note = ahead.note_file()
     if note is not None:
-        cached.write_note(note)
-        cached.prune(note)
+        ahead.write_note(note)
+        ahead.prune(note)
 
 
 if __name__ == "__main__":

@@ -27,10 +27,9 @@ from beltcomm.caches import tell
 from beltcomm.effects import EFFECTS
 from beltcomm.model import Model, body_list
 from beltcomm.simulate.imperfect import LEAST_STEEP, ROUNDS
-from beltcomm.simulate.kernels.ahead import after_waiting
-from beltcomm.simulate.kernels.cached import VERSION, folder
+from beltcomm.simulate.kernels.ahead import VERSION, after_waiting, folder
+from beltcomm.simulate.kernels.belt_lanes import PLAIN
 from beltcomm.simulate.kernels.observer import ObserverState
-from beltcomm.simulate.kernels.plain_belt import PLAIN
 from beltcomm.simulate.kernels.switch_groups import indent, needed_lines
 from beltcomm.simulate.kernels.writer import LOOK_AHEAD, MOVING_RAD_S, Writer, acts_on_motor
 

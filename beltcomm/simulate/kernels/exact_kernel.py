@@ -18,9 +18,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, IntArray
 from beltcomm.compiled import in_lanes
 from beltcomm.simulate.kernels.first_root import DEGREE, NEVER, first_root, largest, value
 
@@ -53,7 +52,7 @@ class LinearAxis(NamedTuple):
     smooth: Array
     constant: Array
     level: Array
-    rubbing: NDArray[np.int64]
+    rubbing: IntArray
     belt: Array
     cart: int
     lever: float

@@ -9,10 +9,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, BoolArray
 from beltcomm.compiled import inlined
 from beltcomm.simulate.kernels.observer import LOST, ObserverState
 from beltcomm.simulate.kernels.vectors import LANES, aligned_zeros, at, eight, put
@@ -146,13 +143,13 @@ def limit_variance(values: Array, first: int, row: int, column: int, size: int, 
 def learn(
     n: int,
     innovation: float,
-    keep: NDArray[np.bool_],
+    keep: BoolArray,
     variances: Array,
     gains: Array,
     deviations: Array,
     shares: Array,
-    lost: NDArray[np.bool_],
-    forgets: NDArray[np.bool_],
+    lost: BoolArray,
+    forgets: BoolArray,
     room: Array,
     cart: int,
     behind: int,

@@ -23,10 +23,9 @@ from beltcomm.effects import Effect
 from beltcomm.model import Model
 from beltcomm.simulate.kernels import fast_math
 from beltcomm.simulate.kernels.compose import import_stable
-from beltcomm.simulate.kernels.sources import fingerprint
-from beltcomm.simulate.kernels.stick import stick_or_slide
+from beltcomm.simulate.kernels.pieces import stick_or_slide
 from beltcomm.simulate.kernels.switch_groups import indent
-from beltcomm.simulate.kernels.writer import Writer
+from beltcomm.simulate.kernels.writer import Writer, fingerprint
 
 #: Nyström's method of four stages: of order 5 for forces by place and time (Hairer, Nørsett, Wanner, Solving ODEs I, table II.14.2); the
 #: speeds within a step, which its author leaves open, by  Σ b_i a_ij c_j = 1/6,  Σ b_i c_i a_ij c_j = 1/8,  Σ b_i a_ij c_j² = 1/12:  of

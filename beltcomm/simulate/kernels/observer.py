@@ -17,9 +17,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, BoolArray, IntArray
 from beltcomm.compiled import in_lanes
 from beltcomm.simulate.kernels.vectors import LANES, aligned_zeros, at, eight, put
 
@@ -72,8 +71,8 @@ class ObserverState(NamedTuple):
     """
 
     wanted: Array
-    keep: NDArray[np.bool_]
-    places: NDArray[np.int64]
+    keep: BoolArray
+    places: IntArray
     behind: int
     substeps: int
     cart: int
@@ -81,8 +80,8 @@ class ObserverState(NamedTuple):
     stiffness: float
     held: Array
     spread: Array
-    lost: NDArray[np.bool_]
-    forgets: NDArray[np.bool_]
+    lost: BoolArray
+    forgets: BoolArray
     learning: bool
     F: Array
     G: Array
@@ -167,7 +166,7 @@ def expected_innovation(n: int, left: float, H: Array, s: Array, shares: Array) 
 def observe(
     n: int,
     innovation: float,
-    keep: NDArray[np.bool_],
+    keep: BoolArray,
     F: Array,
     s: Array,
     ahead: Array,
@@ -217,8 +216,8 @@ def contact(
     lever: float,
     stretch: float,
     wanted: Array,
-    keep: NDArray[np.bool_],
-    lost: NDArray[np.bool_],
+    keep: BoolArray,
+    lost: BoolArray,
     deviations: Array,
     shares: Array,
     half_gap_m: float,
@@ -235,7 +234,7 @@ def contact(
     return float(math.copysign(half_gap_m, pull) + pull / (held[n] * stiffness) - stretch)
 
 
-def filter_columns(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains: Array, deviations: Array, shares: Array) -> Array:
+def filter_columns(e: Array, keep: BoolArray, f: Array, h: Array, gains: Array, deviations: Array, shares: Array) -> Array:
     """First-order change of the innovations, over their deviations, by changes e of the residual; (n, k) -> (kept, k)."""
     size, columns = h.shape[1], e.shape[1]
     whole = -(-columns // LANES) * LANES
@@ -249,7 +248,7 @@ def filter_columns(e: Array, keep: NDArray[np.bool_], f: Array, h: Array, gains:
 @in_lanes
 def _filter_states(
     e: Array,
-    keep: NDArray[np.bool_],
+    keep: BoolArray,
     f: Array,
     h: Array,
     gains: Array,

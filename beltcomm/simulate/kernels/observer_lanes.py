@@ -8,15 +8,13 @@ from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, BoolArray, IntArray
 from beltcomm.compiled import within_lanes
-from beltcomm.simulate.kernels.addresses import flag_at, number_at, set_flag, set_number
 from beltcomm.simulate.kernels.learning import WIDEST, limit_variance
-from beltcomm.simulate.kernels.mean import ABSURD_NM
 from beltcomm.simulate.kernels.observer import LOST, OPEN, ObserverState
-from beltcomm.simulate.kernels.vectors import LANES, Vector, aligned_zeros, at, eight, put
+from beltcomm.simulate.kernels.pieces import ABSURD_NM
+from beltcomm.simulate.kernels.vectors import LANES, Vector, aligned_zeros, at, eight, flag_at, number_at, put, set_flag, set_number
 
 #: Rows of the memory of a loop in lock step that :func:`advance_sample` knows.
 NEW, SHUT, SHARE, KEPT, DEVIATION, VARIANCE, HALF, STIFFNESS, WANDER, HURRY, LEVER, ASTRAY, AIM = range(0, 13 * LANES, LANES)
@@ -76,8 +74,8 @@ class Observers(NamedTuple):
 
     rows: LaneRows
     memory: Array
-    passes: NDArray[np.bool_]
-    reaches: NDArray[np.bool_]
+    passes: BoolArray
+    reaches: BoolArray
 
 
 def observed_rows(watch: ObserverState) -> tuple[float, ...]:
@@ -130,7 +128,7 @@ def expected_eight(rows: LaneRows, o: Array, share: Vector, left: Vector, nothin
 
 
 @within_lanes
-def learn_eight(rows: LaneRows, o: Array, passes: NDArray[np.bool_], reaches: NDArray[np.bool_], share: Vector, kept: Vector) -> Vector:
+def learn_eight(rows: LaneRows, o: Array, passes: BoolArray, reaches: BoolArray, share: Vector, kept: Vector) -> Vector:
     """Gains of a sample, which stand in ``rows.gains``, and the covariance ahead; the variance of ν, (N m)²."""
     size, own, noises = rows.size, rows.own, rows.noises
     F, G, P, f, g = LANES * rows.F, LANES * rows.G, LANES * rows.P, LANES * rows.f, LANES * rows.g
@@ -190,7 +188,7 @@ def learn_eight(rows: LaneRows, o: Array, passes: NDArray[np.bool_], reaches: ND
 
 
 @within_lanes
-def observe_eight(rows: LaneRows, o: Array, passes: NDArray[np.bool_], share: Vector, innovation: Vector, nothing: tuple[int, int]) -> None:
+def observe_eight(rows: LaneRows, o: Array, passes: BoolArray, share: Vector, innovation: Vector, nothing: tuple[int, int]) -> None:
     """s[n+1] of eight lanes.
 
     Parameters
@@ -219,12 +217,12 @@ def advance_sample(
     active: int,
     substeps: int,
     learning: bool,
-    where: NDArray[np.int64],
+    where: IntArray,
     s: Array,
     rows: LaneRows,
     o: Array,
-    passes: NDArray[np.bool_],
-    reaches: NDArray[np.bool_],
+    passes: BoolArray,
+    reaches: BoolArray,
     carriage: tuple[int, int],
 ) -> None:
     """One sample of all lanes: what the observers find, and ahead in ``rows.states`` by what the bodies are to be corrected.
@@ -289,7 +287,7 @@ def advance_sample(
 
 
 @within_lanes
-def _have_same_array(addresses: NDArray[np.int64], active: int) -> bool:
+def _have_same_array(addresses: IntArray, active: int) -> bool:
     """True if all lanes have the same array."""
     same = True
     for c in range(1, active):
@@ -298,7 +296,7 @@ def _have_same_array(addresses: NDArray[np.int64], active: int) -> bool:
 
 
 @within_lanes
-def brought(i: int, active: int, where: NDArray[np.int64], lengths: NDArray[np.int64], course: Array) -> None:
+def brought(i: int, active: int, where: IntArray, lengths: IntArray, course: Array) -> None:
     """The next steps of each lane's motion, a lane beside the other.
 
     Parameters

@@ -10,10 +10,10 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, BoolArray
 from beltcomm.effects import EFFECTS, Effect, effect_named
 from beltcomm.model import expected_parameters
-from beltcomm.simulate.kernels.plain_belt import PLAIN, knows
+from beltcomm.simulate.kernels.belt_lanes import PLAIN, covers
 from beltcomm.simulate.kernels.writer import acts_on_motor, catalogue_parameters
 
 #: Slots of what changes angle or torque and no load.
@@ -43,21 +43,23 @@ class Switchboard:
     sensor : tuple of int
         Places in the model's vector of the errors of the angle.
     bare : bool
-        Whether nothing but ``PLAIN``, plain : whether nothing but what ``plain_belt`` knows is beyond the motor.
+        Nothing but ``PLAIN`` is beyond the motor.
+    in_lanes : bool
+        Nothing but what ``belt_loads_in_lanes`` covers is beyond the motor.
     rubs : tuple of int
         Places in the model's vector of what the effects that act on the motor alone ask for.
     """
 
     places: NDArray[np.intp]
-    on: NDArray[np.bool_]
-    motor: NDArray[np.bool_]
-    belt: NDArray[np.bool_]
+    on: BoolArray
+    motor: BoolArray
+    belt: BoolArray
     delays: tuple[tuple[Callable[..., Array], tuple[int, ...]], ...]
     readings: tuple[tuple[Callable[..., Array], tuple[int, ...]], ...]
     bent: bool
     sensor: tuple[int, ...]
     bare: bool
-    plain: bool
+    in_lanes: bool
     rubs: tuple[int, ...]
 
     def masked_vector(self, vector: Array) -> Array:
@@ -86,7 +88,7 @@ def switchboard(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> Switc
         any(e.slot == "torque_path" for e in chosen),
         tuple(own.index(name) for e in chosen if e.slot == "sensor" for name in e.full_names()),
         base_bodies == ("motor", "cart") and _effects_beyond_motor(chosen) <= set(PLAIN),
-        base_bodies == ("motor", "cart") and knows(_effects_beyond_motor(chosen)),
+        base_bodies == ("motor", "cart") and covers(_effects_beyond_motor(chosen)),
         tuple(own.index(name) for e in chosen if acts_on_motor(e) for name in (*e.full_names(), *e.uses) if name in own),
     )
 

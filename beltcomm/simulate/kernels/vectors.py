@@ -7,6 +7,11 @@
 
 A processor whose registers hold fewer takes two or four of them.  Arrays are taken as one row of values, whatever their shape, and a place
 in it is not checked.
+
+Arrays of different lengths in one compiled loop are taken by the address of their memory, without a copy.
+
+A loop in lock step over many arrays can neither take them as one array, which would copy them all, nor as a tuple, whose members are
+counted as used at every access.  Whoever hands addresses over keeps the arrays alive, contiguous and long enough: nothing is checked.
 """
 
 from __future__ import annotations
@@ -28,6 +33,9 @@ from numba.extending import intrinsic, register_model
 from numpy.typing import NDArray
 
 from beltcomm.arrays import Array
+
+# isort: split
+
 
 #: Neighbours in one vector.
 LANES = 8
@@ -221,3 +229,65 @@ least = cast("Callable[[Vector, Vector | float], Vector]", intrinsic(_least))
 size = cast("Callable[[Vector], Vector]", intrinsic(_known_function("fabs", 1)))
 exp = cast("Callable[[Vector], Vector]", intrinsic(_known_function("exp", 1)))
 power = cast("Callable[[Vector, Vector | float], Vector]", intrinsic(_known_function("pow", 2)))
+
+
+def address(array: NDArray[Any]) -> int:
+    """Address of the first value.
+
+    Raises
+    ------
+    ValueError
+        For an array whose values do not stand one behind the other.
+    """
+    if not array.flags.c_contiguous:
+        raise ValueError("only the address of a contiguous array says where its values are")
+    return array.ctypes.data
+
+
+def _element(builder: Any, kind: ir.Type, first: Any, number: Any) -> Any:
+    return builder.gep(builder.inttoptr(first, kind.as_pointer()), [number])
+
+
+def _number_at(_context: Any, first: Any, number: Any) -> Any:
+    """Value ``number`` of the float64 array at an address."""
+
+    def written(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        return builder.load(_element(builder, ir.DoubleType(), *arguments))
+
+    return types.float64(types.intp, types.intp), written
+
+
+def _set_number(_context: Any, first: Any, number: Any, value: Any) -> Any:
+    """Set it."""
+
+    def written(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        builder.store(arguments[2], _element(builder, ir.DoubleType(), *arguments[:2]))
+        return context.get_dummy_value()
+
+    return types.void(types.intp, types.intp, types.float64), written
+
+
+def _flag_at(_context: Any, first: Any, number: Any) -> Any:
+    """Value ``number`` of the bool array at an address, 0 or 1."""
+
+    def written(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        return builder.zext(builder.load(_element(builder, ir.IntType(8), *arguments)), ir.IntType(64))
+
+    return types.intp(types.intp, types.intp), written
+
+
+def _set_flag(_context: Any, first: Any, number: Any, value: Any) -> Any:
+    """Set it."""
+
+    def written(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        builder.store(builder.trunc(arguments[2], ir.IntType(8)), _element(builder, ir.IntType(8), *arguments[:2]))
+        return context.get_dummy_value()
+
+    return types.void(types.intp, types.intp, types.intp), written
+
+
+#: As compiled code calls them, with an address first.
+number_at = cast("Callable[[int, int], float]", intrinsic(_number_at))
+set_number = cast("Callable[[int, int, float], None]", intrinsic(_set_number))
+flag_at = cast("Callable[[int, int], int]", intrinsic(_flag_at))
+set_flag = cast("Callable[[int, int, int], None]", intrinsic(_set_flag))

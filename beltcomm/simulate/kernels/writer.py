@@ -2,10 +2,15 @@
 
 Every body has scalar variables q_i, v_i; ``u``, ``du`` are the belt travel and speed of the driving end.  A *masked* kernel holds the
 whole catalogue and reads from a row of switches which effects are on: one compilation serves every combination.
+
+Each kernel is named by the source files of its laws: a changed one must not meet machine code of the old one.
 """
 
 from __future__ import annotations
 
+import hashlib
+import inspect
+import sys
 from collections.abc import Callable, Iterable, Sequence
 
 from beltcomm.control import cascade_kernel
@@ -22,9 +27,8 @@ from beltcomm.effects import (
     is_plain_belt,
 )
 from beltcomm.model import BASE_BODIES, body_list, effect_parameters, expected_parameters
-from beltcomm.simulate.kernels import branchless, fast_math, loop_kernel
+from beltcomm.simulate.kernels import branchless, fast_math, pieces
 from beltcomm.simulate.kernels.learning import learn
-from beltcomm.simulate.kernels.mean import weighted_mean
 from beltcomm.simulate.kernels.observer import (
     EXPECTED,
     LEARNED,
@@ -38,9 +42,24 @@ from beltcomm.simulate.kernels.observer import (
     take_correction,
 )
 from beltcomm.simulate.kernels.observer_lanes import advance_sample, brought
-from beltcomm.simulate.kernels.sources import fingerprint
-from beltcomm.simulate.kernels.stick import stick_or_slide
+from beltcomm.simulate.kernels.pieces import stick_or_slide, weighted_mean
 from beltcomm.simulate.kernels.switch_groups import group, indent
+
+
+def fingerprint(laws: Iterable[Callable[..., object]], modules: Iterable[str]) -> str:
+    """A hash of everything that these laws, and modules besides, are made of."""
+    used = set(modules).union(*(modules_of(law) for law in laws))
+    text = "".join(inspect.getsource(sys.modules[module]) for module in sorted(used))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def modules_of(law: Callable[..., object]) -> set[str]:
+    """Modules of a law and of the compiled functions that it calls."""
+    plain = getattr(law, "py_func", law)
+    called = [plain.__globals__[name] for name in plain.__code__.co_names if name in plain.__globals__]
+    written = {definition.__module__ for other in called if (definition := getattr(other, "_defn", None))}  # of intrinsics
+    return ({plain.__module__} | written).union(*(modules_of(other) for other in called if hasattr(other, "py_func")))
+
 
 #: rad/s: a stretch that begins faster than this begins in motion, all bodies with the motor (a gap in the middle of a stroke);
 #: more than the first milliseconds of an excitation from rest.
@@ -407,7 +426,7 @@ class Writer:
         several = "fast(_{0})"
         laws = [f"{name} = {(several if name in self.in_lanes else single).format(name)}" for name in sorted(self.laws)]
         if "setpoint(" in body:
-            imports.append("from beltcomm.simulate.kernels.loop_kernel import setpoint")
+            imports.append("from beltcomm.simulate.kernels.pieces import setpoint")
         if self.in_lanes:
             imports.append("from beltcomm.simulate.kernels.fast_math import fast")
         if self.in_vectors:
@@ -416,7 +435,7 @@ class Writer:
             imports.append("from beltcomm.simulate.kernels.vectors import at, eight, either, least, most, put")
         ours = "from beltcomm.compiled import compiled, in_lanes, within_kernels"
         head = ["import math", "", "import numpy as np", "", ours, *imports, "", *laws]
-        made_of, modules = [*self.laws.values()], [loop_kernel.__name__, cascade_kernel.__name__, fast_math.__name__]
+        made_of, modules = [*self.laws.values()], [pieces.__name__, cascade_kernel.__name__, fast_math.__name__]
         if self.in_vectors:
             made_of, modules = [*made_of, brought, advance_sample], [*modules, branchless.__name__]
         return "\n".join(head) + "\n\n\n" + body + f"\n# {fingerprint(made_of, modules)}\n"

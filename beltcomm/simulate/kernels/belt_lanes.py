@@ -1,4 +1,4 @@
-"""The commonest belts, several models in lock step: a carriage on one spring and damper, with what is most often found beside it.
+"""Load of the commonest belts, several models in SIMD lanes: a carriage on one spring and damper, with what is often found beside it.
 
 The same steps as the masked kernel of ``compose``, without switches and with the models side by side: a step of one model waits for the
 step before it, a step of eight in four registers takes no longer.  The triangular mean is taken on the way.  What a set of models has
@@ -18,24 +18,24 @@ from beltcomm.effects._corner import REACH
 from beltcomm.effects.belt_slack import MOST_LOST
 from beltcomm.effects.stiffness_position import LEAST_COMPLIANCE
 from beltcomm.simulate.kernels import ahead
-from beltcomm.simulate.kernels.mean import ABSURD_NM
 from beltcomm.simulate.kernels.observer import lanes_for
+from beltcomm.simulate.kernels.pieces import ABSURD_NM
 
 #: Effects beyond the motor that this file knows; each is off where its parameter is 0.
 PLAIN = ("belt_stiffness", "belt_damping", "viscous_cart", "cart_friction")
 #: Those that it knows besides, and of these the ones that bring a body: one of them at most.
 BESIDE = ("belt_slack", "stiffness_position", "end_pulley", "viscous_end_pulley", "payload_mode")
 BODIES = ("end_pulley", "payload_mode")
-#: Rows of :func:`values_of`, and those of them that are not 0 where there is more than a plain belt.
+#: Rows of :func:`lane_values`, and those of them that are not 0 where there is more than a plain belt.
 _ROWS, _MORE = 23, (7, 15, 16)
 
 
-def knows(effects: set[str]) -> bool:
+def covers(effects: set[str]) -> bool:
     """True if models with these effects beyond the motor, and no others, can be taken side by side."""
     return "belt_stiffness" in effects and effects <= {*PLAIN, *BESIDE} and not effects >= set(BODIES)
 
 
-def values_of(models: int, get: Callable[[str], Array | float], offsets_m: Array) -> Array:
+def lane_values(models: int, get: Callable[[str], Array | float], offsets_m: Array) -> Array:
     """Values that the kernel needs of every model, (_ROWS, models).
 
     0 to 6: stiffness N/m, damping N s/m, carriage's mass kg, its viscous N s/m and Coulomb friction N, offset m at the start, share of
@@ -73,7 +73,7 @@ def values_of(models: int, get: Callable[[str], Array | float], offsets_m: Array
     return rows
 
 
-def plain_belt(theta: Array, omega: Array, step_s: float, substeps: int, ratio: float, first: float, values: Array) -> Array:
+def belt_loads_in_lanes(theta: Array, omega: Array, step_s: float, substeps: int, ratio: float, first: float, values: Array) -> Array:
     """Triangular mean of the belt's load at the motor shaft, N m, (n, models), ends 0.
 
     Parameters
@@ -85,19 +85,19 @@ def plain_belt(theta: Array, omega: Array, step_s: float, substeps: int, ratio: 
     first : float, rad/s
         Speed at which all begins.
     values : ndarray
-        Of :func:`values_of`, (_ROWS, models).
+        Of :func:`lane_values`, (_ROWS, models).
     """
     models = values.shape[1]
     mean = np.zeros(((theta.shape[0] - 1) // substeps + 1, models))
     more = values if values[list(_MORE)].any() else None
     if more is not None:
         ahead.wait()
-    _plain_belt(theta, omega, step_s, substeps, ratio, first, values, more, lanes_for(models), np.zeros(592), mean)
+    _belt_loads(theta, omega, step_s, substeps, ratio, first, values, more, lanes_for(models), np.zeros(592), mean)
     return mean
 
 
 @in_lanes
-def _plain_belt(
+def _belt_loads(
     theta: Array,
     omega: Array,
     h: float,

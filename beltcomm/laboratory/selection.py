@@ -1,4 +1,4 @@
-"""One stage of a diagnosis: every effect scored, the best ones refitted with everything free, ranked by evidence.
+"""Stepwise selection of effects: forward by score test and refit; backward, where a newer one made an earlier superfluous.
 
     evidence = O_before - O_after - (n ln N + 2 ln starts),   n : parameters that the effect adds
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from beltcomm.compiled import in_one_thread
 from beltcomm.configfiles import did_you_mean
-from beltcomm.effects import EFFECTS, AxisSummary, Effect
+from beltcomm.effects import EFFECTS, AxisSummary, Effect, effect_named
 from beltcomm.errors import UsageError
 from beltcomm.fit.estimate import Fitted, fit, fit_of, problem_of
 from beltcomm.fit.least_squares import least_in_band
@@ -34,10 +34,12 @@ from beltcomm.laboratory.acceptance import (
     is_negligible,
     is_refuted,
     lowers,
+    most_within,
     only_cancels,
     share_left,
 )
-from beltcomm.laboratory.refine import refine_best
+from beltcomm.laboratory.law_shape import additions, without
+from beltcomm.laboratory.refine import ENOUGH, refine_best
 from beltcomm.laboratory.score import Scored, Scorer
 from beltcomm.model import Model
 
@@ -55,7 +57,7 @@ SIMPLER = 25.0
 #: Share of what lies above the noise from which on an effect explains most of it.
 MOSTLY = 0.5
 #: Iterations of a refit, also beside an observer and from far away, and the gain that is not worth another one, nats.
-ITERATIONS, FOLLOWED_ITERATIONS, SWALLOWED_ITERATIONS, ENOUGH = 10, 6, 25, 0.5
+ITERATIONS, FOLLOWED_ITERATIONS, SWALLOWED_ITERATIONS = 10, 6, 25
 #: Hz below which a weight, a spring or an offset of a rigid axis shows, however coarse its encoder is.
 WEIGHED_HZ = 8.0
 #: Factor by which masses and stiffness may leave their start values before the search begins there as well.
@@ -83,9 +85,11 @@ class Candidate:
     grows : bool
         It makes the error as a whole larger, from one bad model to the next.
     unneeded : bool
-        A carriage that strays as freely without it explains as much, see ``gap_evidence``.
+        A carriage that strays as freely without it explains as much, see ``gaps``.
     idle : bool
         The plain error does not fall, of the fitted records or of those held out.
+    of_path : bool
+        A delay that explains no more than what a fitted torque path leaves, see ``acceptance``.
     beside : str
         Effect that hides it and with which it was judged, see ``gap_behind_delay``; "" where it explains that alone.
     """
@@ -101,6 +105,7 @@ class Candidate:
     grows: bool = False
     unneeded: bool = False
     idle: bool = False
+    of_path: bool = False
     beside: str = ""
 
     @property
@@ -123,6 +128,8 @@ class Candidate:
             return "a carriage that strays as far without it explains as much"
         if self.idle:
             return "the error in plain units does not fall"
+        if self.of_path:
+            return "so small a delay may be left by what is known of the torque path"
         if is_refuted(self.evidence, self.held_out_gain):
             return "records held out speak against it"
         return f"evidence below {EVIDENCE:.0f}" if self.evidence <= EVIDENCE else "explains too little"
@@ -312,12 +319,15 @@ def candidate(data: Data, base: Fitted, effect: Effect, promised: float, best: F
     held_out_gain = base.held_out_objective - best.held_out_objective
     hollow = bool(impossible(best.model)) or any(bad(best.model, effect) for bad in (exceeds_bounds, is_negligible, only_cancels))
     grows = share_left(base, best) >= 1.0
-    accepted = enough(evidence, explained, drop, held_out_gain, base) and not (hollow or grows or is_left_by_path(data, base, best, effect))
+    of_path = is_left_by_path(data, base, best, effect)
+    accepted = enough(evidence, explained, drop, held_out_gain, base) and not (hollow or grows or of_path)
     if accepted and (means := drop_in_means(data, base, best)) < drop:
         evidence = means - bic_penalty(effect, base, starts)
         accepted = evidence > EVIDENCE
     idle = accepted and not lowers(data, base, best)
-    return Candidate(effect, promised, evidence, explained, held_out_gain, best, accepted and not idle, hollow, grows, idle=idle)
+    return Candidate(
+        effect, promised, evidence, explained, held_out_gain, best, accepted and not idle, hollow, grows, idle=idle, of_path=of_path
+    )
 
 
 def refit_with(data: Data, base: Fitted, way: Scored, goal: float = math.inf) -> Fitted:
@@ -380,3 +390,57 @@ def with_effect(data: Data, base: Fitted, ground: AxisSummary, effect: Effect, s
     if not ways:
         return fit(data, base.model.with_effect(effect.name), ITERATIONS, offsets=base.offsets)
     return refit_with(data, base, refine_best(scorer, ways, WAYS))
+
+
+#: Iterations of a refit, and where another kind of observer is needed.
+REFIT_ITERATIONS, MORE_ITERATIONS = 12, 25
+#: A loss of so many times the least evidence needs no exact figure.
+SURE = 4.0
+#: Factor by which the error may be larger without an effect that is superfluous.
+WORSE = 1.5
+
+
+def drop_superfluous(data: Data, fitted: Fitted, base: Model, newest: str) -> tuple[Fitted, tuple[str, ...]]:
+    """Throw out earlier additions without which the model is as good, or of which nothing is left: what stays, and their names.
+
+    Parameters
+    ----------
+    base : Model
+        Model that the search began with.
+    newest : str
+        Name of the effect that was added last, which is not asked.
+    """
+    removed = []
+    worth = rise_without(fitted)
+    for name in [e.name for e in additions(fitted.model, base) if e.name != newest]:
+        if worth.get(name, 0.0) > SURE * EVIDENCE:
+            continue
+        smaller = without(fitted.model, name)
+        if smaller is None:
+            continue
+        # Where an observer is no longer needed, where each carriage stood at first has to be found anew.
+        iterations = REFIT_ITERATIONS if needs_observer(smaller) == needs_observer(fitted.model) else MORE_ITERATIONS
+        nothing = is_negligible(fitted.model, effect_named(name))
+        problem = problem_of(data, smaller)
+        goal = math.inf if nothing else most_within(problem, fitted, SURE * EVIDENCE)
+        trial = fit_of(problem, data, iterations, offsets=fitted.offsets, goal=goal)
+        missed = trial.ratio > WORSE * fitted.ratio  # what an observer does to the noise may outweigh the whole error
+        if nothing or (not missed and drop_by(trial, fitted) < EVIDENCE):
+            removed.append(name)
+            fitted = trial
+    return fitted, tuple(removed)
+
+
+def rise_without(fitted: Fitted) -> dict[str, float]:
+    """By how much O rises to first order when an effect that is a sum of amplitudes is taken out and the rest gives way, nats."""
+    problem = fitted.problem
+    linear = {}
+    for effect in fitted.model.effect_list():
+        if effect.harmonic != "load":
+            continue
+        linear[effect.name] = [problem.free.index(name) for name in effect.full_names() if name in problem.free]
+    if not linear:
+        return {}
+    jacobian = problem.jacobian(fitted.x).weighted_rows(problem.weights(fitted.residual))
+    inverse = np.linalg.pinv(jacobian.information())
+    return {name: float(fitted.x[at] @ np.linalg.pinv(inverse[np.ix_(at, at)]) @ fitted.x[at]) for name, at in linear.items()}

@@ -1,0 +1,81 @@
+"""Loops so weak that the friction sent along takes the axis where it goes: noticed before motion, and mended by short strokes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from beltcomm.axis import load_axis
+from beltcomm.control import Feedforward
+from beltcomm.experiments import commission, friction_feedforward, phases
+from beltcomm.experiments.friction_feedforward import shown_by_passes
+from beltcomm.identify.amplitude import family_around
+from beltcomm.identify.friction import Plateau
+from beltcomm.machine import stops
+from beltcomm.machine.machine import Machine
+from beltcomm.rundata.findings import Findings
+from beltcomm.runfolder import RunFolder
+from beltcomm.talk import Silence
+from session.bench import Bench
+from session.conftest import Complete
+
+AXIS = "egc-70-600"
+MakeBench = Callable[..., Bench]
+FRICTION = Feedforward(coulomb_nm=0.125, viscous_nm_s_rad=2.5e-3)
+
+
+def passes(*speeds_rad_s: float, coulomb_nm: float = 0.125, viscous_nm_s_rad: float = 2.5e-3, offset_nm: float = 0.0) -> list[Plateau]:
+    """Passes both ways on an axis with this friction."""
+    both = [sign * speed for speed in speeds_rad_s for sign in (1.0, -1.0)]
+    return [Plateau(v, v, math.copysign(coulomb_nm, v) + viscous_nm_s_rad * v + offset_nm, 1e-3, 0.0, 0.3) for v in both]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_friction_of_passes_replaces_what_was_sent(seed: int) -> None:
+    draw = np.random.default_rng(seed)
+    coulomb, viscous, offset = draw.uniform(0.05, 0.3), draw.uniform(1e-3, 6e-3), draw.uniform(-0.02, 0.02)
+    sent = replace(FRICTION, offset_nm=offset)
+    found = shown_by_passes(sent, passes(7.0, 12.0, 20.0, coulomb_nm=coulomb, viscous_nm_s_rad=viscous, offset_nm=offset))
+    assert (found.coulomb_nm, found.viscous_nm_s_rad) == pytest.approx((coulomb, viscous))
+    of_one = shown_by_passes(FRICTION, passes(7.0, coulomb_nm=coulomb, viscous_nm_s_rad=viscous))
+    assert of_one.coulomb_nm + 7.0 * of_one.viscous_nm_s_rad == pytest.approx(coulomb + 7.0 * viscous)
+    assert of_one.viscous_nm_s_rad / of_one.coulomb_nm == pytest.approx(FRICTION.viscous_nm_s_rad / FRICTION.coulomb_nm)
+
+
+def test_passes_that_show_nothing_change_nothing() -> None:
+    assert shown_by_passes(FRICTION, []) is FRICTION
+    driving = [replace(one, torque_nm=-one.torque_nm) for one in passes(7.0)]
+    assert shown_by_passes(FRICTION, driving) == FRICTION
+    assert shown_by_passes(Feedforward(), passes(7.0, 14.0)) == Feedforward()
+
+
+def test_a_weak_loop_is_not_sure_to_keep_a_sweep_inside_and_a_strong_one_is(
+    make_bench: MakeBench, complete: Complete, tmp_path: Path
+) -> None:
+    bench, folder = make_bench(), RunFolder.create(tmp_path / "run", load_axis(AXIS))
+    model = complete.final.fit.model
+    with bench.open(bench.name) as drive, Machine(drive, load_axis(AXIS), folder, Silence()) as machine:
+        strong, _ = commission.first_cascade(machine, Findings(), model, 0.25)
+        stops.count_on_loop(machine, family_around(model), machine.write_cascade(strong), 1e-3)
+        assert phases.sweep_is_sure(machine, model)
+        assert machine.cascade is not None
+        machine.cascade = replace(machine.cascade, kp_nm_s_rad=1.3e-3, ki_nm_rad=4e-4, kpp_1_s=0.27)
+        assert not phases.sweep_is_sure(machine, model)
+        machine.family = (model,)
+        assert phases.sweep_is_sure(machine, model), "one known model leaves nothing unsure"
+
+
+def test_drives_with_a_filter_against_the_resonance_make_no_short_strokes(make_bench: MakeBench) -> None:
+    bench = make_bench()
+    with bench.open(bench.name) as drive:
+        own = drive.capabilities
+        assert not friction_feedforward.may_be_weak(own)
+        assert friction_feedforward.line(load_axis(AXIS), own) == ()
+        bare = replace(own, structure=replace(own.structure, prefilters=("none",)))
+        (line,) = friction_feedforward.line(load_axis(AXIS), bare)
+        assert line.travel_m == pytest.approx(0.2)
