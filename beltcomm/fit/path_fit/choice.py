@@ -172,11 +172,30 @@ def _split_second_order(law: DriveLaw) -> list[DriveLaw]:
 def splits(law: DriveLaw, at_end: bool = False) -> Iterator[TorquePath]:
     """Every way to divide a chain between drive and reading; first the one that leaves the reading faithful, if it can be.
 
+    A filter of second order that does not swing is two of first order, of which one may be the drive's and the other the reading's.
+
     Parameters
     ----------
     at_end : bool
         Whether the reading is the torque at the end of the period.
     """
+    yield from _divided(law, at_end)
+    apart = replace(law, lags=tuple(part for lag in law.lags for part in _in_two(lag)))
+    new = set(apart.lags) - set(law.lags)
+    for path in _divided(apart, at_end) if new else ():
+        if path.drive is not None and not new.isdisjoint(path.drive.lags) and not new.isdisjoint(path.reading.lags):
+            yield path
+
+
+def _in_two(lag: Lag) -> tuple[Lag, ...]:
+    """A filter of second order whose damping ratio D is 1 or more as two of first order, (D ± √(D² - 1))/ω; any other as it is."""
+    if lag.kind != "second order" or lag.values[1] < 1.0:
+        return (lag,)
+    (frequency_hz, damping), apart = lag.values, math.sqrt(lag.values[1] ** 2 - 1.0)
+    return tuple(Lag("first order", ((damping + sign * apart) / (2.0 * math.pi * frequency_hz),)) for sign in (1.0, -1.0))
+
+
+def _divided(law: DriveLaw, at_end: bool) -> Iterator[TorquePath]:
     whole = math.floor(law.delay + WHOLE)
     part = max(law.delay - whole, 0.0)
     delays = [(law.delay, 0.0)]

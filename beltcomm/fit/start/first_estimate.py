@@ -47,7 +47,8 @@ SIDE_BY_SIDE = 16
 FEWEST_SAMPLES = 100
 #: rad: a motor that turned by this has moved, whatever few samples show it.
 CLEARLY_MOVED_RAD = 0.05
-INERTIA_SHARES = (0.5, 2.0)
+#: Between which inertia is looked for, over the data sheet's, and how near to a bound is at it.
+INERTIA_SHARES, CLOSE = (0.5, 2.0), 1e-2
 #: N m: no torque of a belt axis; a trial whose motion runs away reaches it.
 RUNAWAY_NM = 1e6
 #: Share of the acceleration that its rounding may be: a belt's resonance needs a wide band, and a start may be off by the square of this.
@@ -488,7 +489,9 @@ def first_path(recording: Recording, start: Model, counts_per_rev: int) -> First
         return FirstPath(path, _by_the_sheet(recording, start, counts_per_rev, path, found))
 
     step = 2.0 * math.pi / counts_per_rev
-    if chain is None or _least(recording, start["motor.inertia"], step) >= (1.0 - EXPLAINED) * first.rest:
+    share = first.model["motor.inertia"] / start["motor.inertia"]
+    at_bound = not INERTIA_SHARES[0] * (1.0 + CLOSE) < share < INERTIA_SHARES[1] * (1.0 - CLOSE)
+    if chain is None or (not at_bound and _least(recording, start["motor.inertia"], step) >= (1.0 - EXPLAINED) * first.rest):
         return told(faithful, first)
     others = _by_motion(chain.law) if reads_command(chain, [recording]) else splits(chain.law, chain.at_end)
     trials = [(path, first_estimate([recording], start, counts_per_rev, path)) for path in others if path != faithful]
