@@ -201,3 +201,16 @@ def test_what_a_limit_of_the_slew_rate_is_given_is_the_drives() -> None:
     divided = list(splits(DriveLaw(1.0, lags)))
     assert {path.drive.lags[:2] for path in divided if path.drive is not None} == {lags[:2]}
     assert {path.reading.lags for path in divided} == {(), lags[2:]}
+
+
+@pytest.mark.parametrize(("damping", "pairs"), [(0.7, 0), (1.2, 2), (3.0, 2)])
+def test_a_filter_that_does_not_swing_may_be_one_of_the_drive_and_one_of_its_reading(damping: float, pairs: int) -> None:
+    law = DriveLaw(1.0, (Lag("second order", (200.0, damping)),))
+    divided = [p for p in splits(law) if p.drive is not None and p.drive.delay == 1.0 and p.drive.lags and p.reading.lags]
+    assert len(divided) == pairs
+    omega = 2.0 * np.pi * 200.0
+    for path in divided:
+        assert path.drive is not None
+        times = [lag.values[0] for lag in (*path.drive.lags, *path.reading.lags)]
+        assert sum(times) == pytest.approx(2.0 * damping / omega)  # (1 + T_1 s)(1 + T_2 s) = 1 + 2 D s/ω + s²/ω²
+        assert np.prod(times) == pytest.approx(1.0 / omega**2)

@@ -22,6 +22,7 @@ from beltcomm.laboratory.diagnosis import Stage, find_shortcut, fit_base_of
 from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.laboratory.selection import candidate, with_effect
 from beltcomm.laboratory.visible import detection_limits
+from beltcomm.quantities import in_mm
 from beltcomm.rundata.revisions import revisions, trusted_model
 from beltcomm.runfolder import RunFolder
 from truth.hidden import draw, write_session
@@ -86,7 +87,7 @@ def test_compare_says_where_the_hidden_effect_is_added_and_the_error_falls(hidde
     text = CliRunner().invoke(cli, ["ladder", str(run), "--no-pictures"], standalone_mode=False).stdout
     assert f"revision_2  {second['when']}, {len(second['data'])} recordings, data {second['data_hash']}\n" in text
     assert f"    beltcomm add cogging {run}" in text
-    assert f"{1e6 * added['cost']['unaware']['dynamic_m']:.0f} (" in text
+    assert f"{in_mm(added['cost']['unaware']['dynamic_m'])} (" in text
     assert {path: path.read_bytes() for path in sorted((run / "recordings").iterdir())} == before
 
 
