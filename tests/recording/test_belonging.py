@@ -36,3 +36,15 @@ def test_more_steps_are_judged() -> None:
     found = belonging(T_S, other, step * np.round(angle / step))
     assert found is not None
     assert not found.consistent
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_motion_within_the_noise_of_its_angle_is_not_judged_and_one_above_it_is(seed: int) -> None:
+    """A quiet excitation behind an encoder with two counts of noise was told to be of another time."""
+    (torque, angle), (other, _) = motion(seed), motion(seed + 100)
+    noise = np.random.default_rng(seed).standard_normal(len(angle))
+    span = float(np.ptp(angle))
+    assert belonging(T_S, torque, np.round(angle * 4.0 / span + 2.0 * noise)) is None
+    found = belonging(T_S, other, np.round(angle * 400.0 / span + 2.0 * noise))
+    assert found is not None
+    assert not found.consistent
