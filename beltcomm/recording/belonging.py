@@ -31,8 +31,8 @@ _MOST_ROWS, _FEWEST_WINDOWS, _PARTS, _BINS = 20_000, 64, 8, 120
 _PLAIN, _TURNS = 4, 1.0
 #: Steps of its encoder that a motion spans at least: one of two or three of them hardly follows any torque.
 _FEWEST_STEPS = 6
-#: Deviations of a position's own noise that a motion spans at least: noise alone spans 7 to 8 of them.
-_FEWEST_DEVIATIONS = 9
+#: Deviation of a position over that of its own noise, 1 for noise alone, that shows a motion at least.
+_ABOVE_NOISE = 1.5
 #: Variance of a third difference over that of its white noise.
 _THIRD = 20.0
 #: By how much a position may be rougher than a torque, and be one.
@@ -85,7 +85,7 @@ def belonging(t_s: Array, torque: Array, position: Array) -> Belonging | None:
     t_s, torque, position = t_s[:_MOST_ROWS], torque[:_MOST_ROWS], position[:_MOST_ROWS]
     if len(position) < _FEWEST_WINDOWS or np.ptp(position) < _FEWEST_STEPS * finest(position):
         return None
-    if np.ptp(position) < _FEWEST_DEVIATIONS * float(np.std(np.diff(position, 3))) / np.sqrt(_THIRD):
+    if np.std(position) < _ABOVE_NOISE * float(np.std(np.diff(position, 3))) / np.sqrt(_THIRD):
         return None
     even = np.arange(t_s[0], t_s[-1], usual_step(t_s))
     torque, position = np.interp(even, t_s, torque), np.interp(even, t_s, position)
