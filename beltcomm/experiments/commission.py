@@ -408,9 +408,7 @@ def measure_friction(
     machine.begin(TITLES[5])
     first, last = phases.stroke_ends(machine)
     if machine.folder.finished(name) is None:
-        if machine.closed is not None and machine.cascade is not None:
-            own = replace(machine.cascade, feedforward=machine.feedforward or machine.cascade.feedforward)
-            friction_feedforward.with_friction_of_strokes(machine, execute_step.Closed(model, own, machine.closed[1]))
+        friction_feedforward.learn_friction(machine, model)
         if not phases.room_to_sweep(machine, model, speeds_m_s):
             phases.move_to(machine, first, model)
         elif not first <= machine.position_m <= last:  # where a sweep before it was stopped: nothing is left there for an overshoot

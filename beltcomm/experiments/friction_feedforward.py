@@ -93,6 +93,13 @@ def with_friction_of_strokes(machine: Machine, loop: execute_step.Closed) -> exe
     return loop
 
 
+def learn_friction(machine: Machine, model: Model) -> None:
+    """:func:`with_friction_of_strokes`, with the loop that is in the drive; nothing where nobody knows it."""
+    if machine.closed is not None and machine.cascade is not None:
+        cascade = replace(machine.cascade, feedforward=machine.feedforward or machine.cascade.feedforward)
+        with_friction_of_strokes(machine, execute_step.Closed(model, cascade, machine.closed[1]))
+
+
 def shown_by_passes(sent: Feedforward, passes: Sequence[Plateau]) -> Feedforward:
     """The feedforward with the friction that passes show: of one speed all of it times a factor; as it is where they show none."""
     if not passes or not (sent.viscous_nm_s_rad or sent.coulomb_nm):

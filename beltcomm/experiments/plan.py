@@ -297,7 +297,7 @@ def friction_plan(axis: Axis, capabilities: Capabilities) -> Plan:
     return Plan(
         tr("The carriage of {name} will {what}.", name=axis.name or tr("the axis"), what=f"{sign_words(axis, kinds)}{tr(SWEPT)}")
         + f"{own_strokes.unguarded_words(capabilities)}",
-        (_sweep(axis, capabilities, seconds),),
+        (*friction_feedforward.line(axis, capabilities), _sweep(axis, capabilities, seconds)),
         verb="friction",
     )
 

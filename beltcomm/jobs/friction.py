@@ -13,6 +13,7 @@ from beltcomm.errors import DataError, Refused
 from beltcomm.experiments import phases
 from beltcomm.experiments.bounds import Experiment, course_before, gentle_force_n, peak_torque_nm, stroking_nm
 from beltcomm.experiments.commission import measure_friction
+from beltcomm.experiments.friction_feedforward import learn_friction
 from beltcomm.experiments.plan import MOVE_SECONDS, Plan, friction_plan
 from beltcomm.experiments.sign import sign_words
 from beltcomm.given import pasted
@@ -95,11 +96,12 @@ def plan_of(axis: Axis, capabilities: Capabilities, model: Model, asked: Wanted)
     whole = course.window_m[1] - course.window_m[0]
     room = course.ends_m[1] - course.ends_m[0] - phases.ARRIVED_M
     torque = peak_torque_nm(axis, capabilities)
-    lines, notes = [], list[str]()
+    *lines, sweep = usual.experiments
+    notes = list[str]()
     for order, repetition in asked.sweeps:
         title = f"{f'order {order}' if order != DEFAULT else 'sweep'}, {repetition}: {orders.WORDS[order]}"[:40]
         if order == DEFAULT:
-            lines.append(replace(usual.experiments[0], title=title))
+            lines.append(replace(sweep, title=title))
             continue
         strokes, _ = orders.strokes_for(orders.speeds_of(order, asked.often), room, course.gentle, axis)
         records = orders.records_of(strokes, course.gentle, record_s(capabilities))
@@ -132,6 +134,7 @@ def record(machine: Machine, model: Model, asked: Wanted) -> RecordedSweeps:
         measure_friction(machine, model, name, held_out=name != "sweep" and _judges(machine.folder))
         return RecordedSweeps((name,))
     machine.begin(machine.titles[-1])
+    learn_friction(machine, model)
     measurement = 1 + max([note_of(s, n).measurement for n, s in _sidecars(machine.folder).items()], default=0)
     made, left_out, remarks = list[str](), set[float](), list[str]()
     for order, repetition in asked.sweeps:
