@@ -120,9 +120,9 @@ def test_the_installed_command_commissions_an_axis_within_its_times(site: Path, 
     (folder,) = (tmp_path / "runs").iterdir()
     assert (tmp_path / result["run"]).samefile(folder)
     assert (folder / "designs" / "final.yaml").is_file()
-    kept = {path.name.partition(".")[0].partition("_")[0] for path in (tmp_path / "home" / ".cache").rglob("*.nbi")}
-    assert kept >= {"kernel", "cascade", "mean", "whitening"}  # composed from effects, and written in the package
-    assert not list(site.rglob("*.nbi"))
+    kept = {path.name.partition(".")[0].partition("_")[0] for path in (tmp_path / "home" / ".cache").rglob("*.nbc")}
+    assert kept >= {"kernel", "cascade", "whitening"}  # composed from effects, and written in the package
+    assert not list(site.rglob("*.nbc"))
 
 
 def used_s() -> float:

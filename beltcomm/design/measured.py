@@ -45,7 +45,7 @@ class LoopMargin:
     phase_margin_deg, crossover_hz : float
         As in ``margins.Margins``; inf and nan where no crossover lies in the band. gain_margin_db.
     sensitivity_db : float
-        Max |1/(1 + L)|, met where L is nearest to -1.
+        Max |1/(1 + L)|, met at ``nearest_hz``, where L is nearest to -1.
     least_phase_margin_deg, least_gain_margin_db, most_sensitivity_db : float
         The same at the edge of the tube; inf for the last where the tube reaches -1.
     """
@@ -54,6 +54,7 @@ class LoopMargin:
     crossover_hz: float
     gain_margin_db: float
     sensitivity_db: float
+    nearest_hz: float
     least_phase_margin_deg: float
     least_gain_margin_db: float
     most_sensitivity_db: float
@@ -241,11 +242,13 @@ def _margin(freq_hz: Array, loop: ComplexArray, tube: Array, hidden_gain: float)
     margin, crossover = phase_margin(2.0 * np.pi * freq_hz, loop)
     distance = np.abs(1.0 + loop)
     least = min(float(np.min(distance - tube)), 1.0 - hidden_gain)
+    nearest = int(np.argmin(distance))
     return LoopMargin(
         margin,
         crossover / (2.0 * np.pi),
         gain_margin_db(loop),
-        -20.0 * math.log10(float(np.min(distance))),
+        -20.0 * math.log10(distance[nearest]),
+        float(freq_hz[nearest]),
         min(margin, _least_angle_deg(loop, tube)),
         min(gain_margin_db(loop), _least_gain_db(loop, tube)),
         -20.0 * math.log10(least) if least > 0.0 else math.inf,

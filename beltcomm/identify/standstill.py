@@ -43,6 +43,8 @@ class Standstill:
     ----------
     seen : Value
         i_t² (d_m + d_c) of the log-magnitude fit.
+    seen_parts : tuple of float
+        Of motor and carriage.
     sweep : Value
         Viscous friction of (3.36).
     speed_rad_s : tuple of float
@@ -53,6 +55,8 @@ class Standstill:
         Viscous friction and 4 M/(π Ω) of both parts; its interval knows the friction's, not how good one gain is.
     predicted_parts : tuple of float
         4 M/(π Ω) of motor and carriage.
+    at_motor : float
+        Viscous friction and 4 M/(π Ω) of all of it at the motor's speed.
     modelled, without_coulomb : float or None
         What the same fit shows of the model, under the record's torque, with and without its Coulomb friction; None where it could not be
         simulated.
@@ -60,11 +64,13 @@ class Standstill:
 
     record: str
     seen: Value
+    seen_parts: tuple[float, float]
     sweep: Value
     speed_rad_s: tuple[float, float]
     coulomb_nm: tuple[float, float]
     predicted: Value
     predicted_parts: tuple[float, float]
+    at_motor: float
     modelled: float | None
     without_coulomb: float | None
 
@@ -178,11 +184,13 @@ def standstill_of(recording: Recording, fit: MagnitudeFit, model: Model, sweep: 
     return Standstill(
         recording.name,
         apparent(fit),
+        parts(fit),
         viscous,
         amplitudes,
         (float(share[0] * coulomb.value), float(share[1] * coulomb.value)),
         Value(predicted, "N m s/rad", "motor", 0.0, np.inf, uncertain, "describing function"),
         (float(gains[0] * coulomb.value), float(gains[1] * coulomb.value)),
+        viscous.value + friction_as_damping(coulomb.value, amplitudes[0]),
         _apparent_damping(model, recording, fit),
         _apparent_damping(model.with_values({name: 0.0 for name in COULOMB if name in model.parameters}), recording, fit),
     )

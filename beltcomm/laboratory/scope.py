@@ -184,7 +184,7 @@ def delay_of_path(found: Diagnosis) -> str:
     """That what is left may be a delay behind the drive or the rest of its torque path, in words; "" where no small delay explains it."""
     last = found.steps[-1].candidates if found.steps else ()
     delay = next((c for c in last if c.of_path and c.stands and c.evidence > EVIDENCE), None)
-    if found.verdict != NONE_EXPLAINS or found.added_effects or delay is None or delay.fitted is None:
+    if found.verdict not in (NONE_EXPLAINS, "partly explained") or delay is None or delay.fitted is None:
         return ""
     time_s = delay.fitted.model[f"{delay.effect.name}.time"]
     return (

@@ -113,6 +113,7 @@ class Summary:
     planned: int
     done: int
     failed: Mapping[int, str]
+    exit_codes: Mapping[int, int]
     shares: tuple[Share, ...]
     spreads: tuple[QuantitySpread, ...]
     drivers: tuple[Driver, ...]
@@ -135,6 +136,9 @@ def summary_of(lines: Sequence[Line], planned: int, targets: Mapping[str, float]
         Of what was drawn, where there is one.
     """
     lines = sorted(lines, key=lambda line: int(line["member"]))
+    codes: dict[int, int] = {}
+    for line in lines:
+        codes[int(line["exit_code"])] = codes.get(int(line["exit_code"]), 0) + 1
     failed = {int(line["member"]): str(line["error"]) for line in lines if "error" in line}
     told = [line for line in lines if "error" not in line]
     keys = list(dict.fromkeys(key for line in told for key in line["found"]))
@@ -147,6 +151,7 @@ def summary_of(lines: Sequence[Line], planned: int, targets: Mapping[str, float]
         planned,
         len(lines),
         failed,
+        dict(sorted(codes.items())),
         tuple(shares),
         tuple(_spread(key, told) for key in numbers),
         tuple(_drivers(lines, [*flags[:1], *targets, "phase_margin_deg"], nominal)),
