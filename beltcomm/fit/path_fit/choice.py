@@ -3,10 +3,6 @@
 Setpoint and reading tell the chain of drive and reading together (``torque.reading_fit``); each filter, and what of the delay is no whole
 sample, may lie before the acting torque or behind it.  Each such split is fitted to the liveliest records, and the one that explains the
 motion best is taken.  A faithful reading that leaves nothing but noise needs no comparison.
-
-An effect that is looked for only once the path is known may make the motion come later than the reading tells.
-Where a filter of the setpoint stands before the torque, and a dead time behind it, the motion comes as late as by a slower filter: a path
-chosen without that effect takes a part of it over, and what is left of it looks like another effect.
 """
 
 from __future__ import annotations
@@ -23,6 +19,7 @@ from scipy.optimize import minimize_scalar
 
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.noise.level import is_held, repeats_itself
+from beltcomm.fit.path_fit.late_motion import effect_between
 from beltcomm.fit.path_fit.values import columns_of, refine_path
 from beltcomm.fit.records import Data, prepare_records, rounding_torque
 from beltcomm.fit.torque.path import DriveLaw, Lag, ReadingLaw, TorquePath
@@ -131,7 +128,7 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
         return PathChoice(faithful, chain)
     lively = _liveliest(to_fit)
     other = next((rival for rival in sorted(chain.rivals, key=lambda rival: rival.cost) if rival.at_end != chain.at_end), None)
-    ways = [path for one in (chain, other) if one is not None for law in _split_second_order(one.law) for path in splits(law, one.at_end)]
+    ways = [path for one in (chain, other) if one is not None for path in ways_of(one.law, one.at_end)]
     if not any(path.reading.faithful for path in ways):
         ways.append(faithful)
     trials = sorted(((path, _fit_by(data, lively, start, path)) for path in ways), key=lambda trial: _level(trial[1]))
@@ -169,33 +166,19 @@ def _split_second_order(law: DriveLaw) -> list[DriveLaw]:
     return found
 
 
+def ways_of(law: DriveLaw, at_end: bool = False) -> list[TorquePath]:
+    """All :func:`splits` of a chain, and of that with two filters of first order in place of a damped one of second."""
+    return [path for one in _split_second_order(law) for path in splits(one, at_end)]
+
+
 def splits(law: DriveLaw, at_end: bool = False) -> Iterator[TorquePath]:
     """Every way to divide a chain between drive and reading; first the one that leaves the reading faithful, if it can be.
-
-    A filter of second order that does not swing is two of first order, of which one may be the drive's and the other the reading's.
 
     Parameters
     ----------
     at_end : bool
         Whether the reading is the torque at the end of the period.
     """
-    yield from _divided(law, at_end)
-    apart = replace(law, lags=tuple(part for lag in law.lags for part in _in_two(lag)))
-    new = set(apart.lags) - set(law.lags)
-    for path in _divided(apart, at_end) if new else ():
-        if path.drive is not None and not new.isdisjoint(path.drive.lags) and not new.isdisjoint(path.reading.lags):
-            yield path
-
-
-def _in_two(lag: Lag) -> tuple[Lag, ...]:
-    """A filter of second order whose damping ratio D is 1 or more as two of first order, (D ± √(D² - 1))/ω; any other as it is."""
-    if lag.kind != "second order" or lag.values[1] < 1.0:
-        return (lag,)
-    (frequency_hz, damping), apart = lag.values, math.sqrt(lag.values[1] ** 2 - 1.0)
-    return tuple(Lag("first order", ((damping + sign * apart) / (2.0 * math.pi * frequency_hz),)) for sign in (1.0, -1.0))
-
-
-def _divided(law: DriveLaw, at_end: bool) -> Iterator[TorquePath]:
     whole = math.floor(law.delay + WHOLE)
     part = max(law.delay - whole, 0.0)
     delays = [(law.delay, 0.0)]
@@ -463,52 +446,3 @@ def _by_motion(data: Data, start: Model, to_fit: Sequence[Recording], chain: Rea
     families = (behind, later, limited) if swing > 0.0 else (behind, later)
     trials = [(plain, first), *(_best_time_constant(data, lively, start, first, family) for family in families)]
     return _best(trials, chain, plain_first=True)
-
-
-#: Effects between the torque that is read and the motion, each with one time, and what is tried beside them by the chosen path: a lag of
-#: the reading is no reason for another one, which has such lags of its own.
-BETWEEN, BESIDE = ("dead_time", "current_lag"), ("measurement_lag",)
-#: Share of what lies above the noise that such an effect may leave, and how much of it per sample.
-MAY_LEAVE, MOST_LEFT = 0.3, 0.5
-
-
-def effect_between(
-    fit_by: Callable[[Model, TorquePath], Fitted],
-    start: Model,
-    chosen: TorquePath,
-    fitted: Fitted,
-    others: Sequence[TorquePath],
-    clear: float,
-) -> str:
-    """Name of the effect between reading and motion with which another path explains the records better than the chosen one.
-
-    Parameters
-    ----------
-    fit_by : callable
-        Of a start model and a path, the fit.
-    chosen : TorquePath
-        By a model without such an effect.
-    fitted : Fitted
-        The fit by it.
-    others : sequence of TorquePath
-        The other ways to divide the same chain.
-    clear : float
-        Fall of -2 ln L that makes another path more than as likely.
-
-    Returns
-    -------
-    str
-        One of :data:`BETWEEN`; empty where the model has one, none explains enough, or the chosen path is as likely.
-    """
-    if any(name in start.effects for name in (*BETWEEN, *BESIDE)):
-        return ""
-    samples = max(fitted.problem.samples, 1)
-
-    def tried(path: TorquePath, names: Sequence[str] = BETWEEN) -> list[tuple[float, str]]:
-        found = [(fit_by(start.with_effect(name), path), name) for name in names]
-        return [(f.objective / f.problem.samples if 2 * f.problem.samples > samples else math.inf, name) for f, name in found]
-
-    own, _ = min(tried(chosen, (*BETWEEN, *BESIDE)))
-    least, best = min((one for path in others for one in tried(path)), default=(math.inf, ""))
-    explains = least - 1.0 < min(MAY_LEAVE * (fitted.objective / samples - 1.0), MOST_LEFT)
-    return best if explains and samples * (own - least) > clear else ""

@@ -15,7 +15,7 @@ from beltcomm.arrays import Array
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.fit.noise.level import torque_noise
-from beltcomm.fit.path_fit.choice import EXPLAINED, TIMES_S, reads_command, splits
+from beltcomm.fit.path_fit.choice import EXPLAINED, TIMES_S, reads_command, ways_of
 from beltcomm.fit.residual.encoder_jumps import CERTAIN, Jump, largest_step, refuse
 from beltcomm.fit.residual.segment import Segment, segments
 from beltcomm.fit.residual.whitened import evaluate_each
@@ -493,7 +493,7 @@ def first_path(recording: Recording, start: Model, counts_per_rev: int) -> First
     at_bound = not INERTIA_SHARES[0] * (1.0 + CLOSE) < share < INERTIA_SHARES[1] * (1.0 - CLOSE)
     if chain is None or (not at_bound and _least(recording, start["motor.inertia"], step) >= (1.0 - EXPLAINED) * first.rest):
         return told(faithful, first)
-    others = _by_motion(chain.law) if reads_command(chain, [recording]) else splits(chain.law, chain.at_end)
+    others = _by_motion(chain.law) if reads_command(chain, [recording]) else ways_of(chain.law, chain.at_end)
     trials = [(path, first_estimate([recording], start, counts_per_rev, path)) for path in others if path != faithful]
     path, best = min(trials, key=lambda trial: trial[1].rest, default=(faithful, first))
     return told(path, best) if _is_clearly_better(first, best) else told(faithful, first)
