@@ -19,6 +19,7 @@ from beltcomm.experiments.stops_out_of_move import (
     allowed_lag_m,
     belt_force_limit_n,
     host_loss_limit_n,
+    room_beyond_m,
     worst_stops,
 )
 from beltcomm.experiments.verification import StandardMove, in_drive, refuse_broken
@@ -103,7 +104,7 @@ def verify_move(
     _check_lead(machine, sent, path)
     _check_along(machine, sent)
     _check_belt(machine, model, path, trajectory)
-    lag = allowed_lag_m(model, predict)
+    lag = allowed_lag_m(model, predict, room_beyond_m(machine.envelope().window_m, trajectory.position_m))
     if sent.reference is not None and led_gains_of(machine.folder) is None:
         lag += max(LEARNING_SLACK, calibration.unsure(machine.folder)) * float(np.max(np.abs(sent.reference.lead_m)))
     setpoints = sent.motor if sent.reference is None else sent.reference.sent

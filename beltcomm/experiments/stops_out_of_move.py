@@ -42,6 +42,8 @@ FINER = 7
 INSTANTS = 48
 #: m, beside ``SURPRISE`` times what was predicted: an axis that is further off its reference is stopped, in the drive and on the host.
 LAG_SLACK_M = 2e-3
+#: Share of the room beyond a move that what is not known of the axis may take.
+ROOM_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -82,23 +84,41 @@ def stop_limit_n(axis: Axis) -> float:
     return STOP_SWING * axis.belt_force_limit_n
 
 
-def allowed_lag_m(model: Model, predict: Callable[[Model, float], PredictedMove]) -> float:
-    """Following error beyond which a move is stopped, m: of the largest over what is not known of the axis.
+def allowed_lag_m(model: Model, predict: Callable[[Model, float], PredictedMove], room_m: float) -> float:
+    """Following error beyond which a move is stopped, m, carriage side:  3 e + 2 mm,  e the largest over what is not known of the axis.
 
-    Beside a weak loop, a per cent of the friction sent along is millimetres.
+    Beside a weak loop, a per cent of the friction sent along is millimetres.  What is not known takes no more than half of the room: an
+    axis that runs ahead is to be stopped inside its travel.
 
     Parameters
     ----------
     predict : callable
         Of a model and a stretch of the belt, as of :func:`beltcomm.verify.predict_range`.
+    room_m : float, m
+        Of :func:`room_beyond_m`.
     """
 
     def lag(on: Model, stretch_m: float) -> TrackingError:
         path = predict(on, stretch_m)
         return TrackingError(float(np.max(np.abs(path.reference_m - path.motor_m))), 0.0)
 
-    spread = predict_range(model, lag)
-    return SURPRISE * (lag(model, 0.0) if spread is None else spread[1]).dynamic_m + LAG_SLACK_M
+    known, spread = lag(model, 0.0), predict_range(model, lag)
+    least, most = (SURPRISE * one.dynamic_m + LAG_SLACK_M for one in (known, known if spread is None else spread[1]))
+    return max(least, min(most, ROOM_SHARE * room_m))
+
+
+def room_beyond_m(window_m: tuple[float, float], position_m: Array) -> float:
+    """Room that a motion leaves at the end of the travel that it comes nearest to, m; an end that it only sets out from is none.
+
+    Parameters
+    ----------
+    position_m : ndarray (n,), m
+        Of the carriage.
+    """
+    (low, high), moved = window_m, np.diff(position_m)
+    rooms = [high - position_m[1:][moved > 0.0].max()] if np.any(moved > 0.0) else []
+    rooms += [position_m[1:][moved < 0.0].min() - low] if np.any(moved < 0.0) else []
+    return max(float(min(rooms, default=0.0)), 0.0)
 
 
 def belt_force_limit_n(machine: Machine, model: Model, speed_m_s: float, swing: float) -> float:

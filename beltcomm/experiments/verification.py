@@ -24,6 +24,7 @@ from beltcomm.experiments.stops_out_of_move import (
     StopsOutOfMove,
     allowed_lag_m,
     belt_force_limit_n,
+    room_beyond_m,
     worst_stops,
 )
 from beltcomm.machine.machine import Machine
@@ -150,7 +151,8 @@ def predicted_stops(machine: Machine, model: Model, cascade: Cascade, delay_s: f
             return predict_led(on, running, led, drive, stretch_m)
         return predict_move(on, running, path, drive, belt_stretch_m=stretch_m)
 
-    return worst_stops(machine, model, running, drive, sent, allowed_lag_m(model, predict))
+    room = room_beyond_m(machine.envelope().window_m, trajectory.position_m)
+    return worst_stops(machine, model, running, drive, sent, allowed_lag_m(model, predict, room))
 
 
 def _way(machine: Machine) -> tuple[float, float]:

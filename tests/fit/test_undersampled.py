@@ -132,9 +132,10 @@ def test_what_a_model_holds_is_not_sought() -> None:
     assert "cart.mass" in found.names
 
 
-def test_strokes_at_constant_speed_tell_the_friction_that_such_rows_mistake() -> None:
+@pytest.mark.parametrize("seed", range(11, 15))
+def test_strokes_at_constant_speed_tell_the_friction_that_such_rows_mistake(seed: int) -> None:
     """Here the drive gives less torque than is asked for, so that the rows alone mistake the friction."""
-    random = np.random.default_rng(11)
+    random = np.random.default_rng(seed)
     truth = machine(random)
     rows = record(truth, 4e-3, 8e-4, random)
     assert rows.torque_setpoint is not None
@@ -144,11 +145,7 @@ def test_strokes_at_constant_speed_tell_the_friction_that_such_rows_mistake() ->
     passes = SteadyPasses(speed, level * np.sign(speed) + truth["viscous.damping"] * speed, np.full(6, 1e-3))
     start = first_of_seldom([rows], sheets(truth))
     alone, with_them = (estimate([rows], start, LATE_S, passes=given).model for given in (NO_PASSES, passes))
-
-    def off(model: Model) -> float:
-        return abs(model["coulomb.level"] + RATIO * model["cart_friction.level"] + 16.0 * model["viscous.damping"] - passes.torque_nm[2])
-
-    assert off(with_them) < 0.75 * off(alone)
+    assert np.linalg.norm(passes.left(with_them)) < np.linalg.norm(passes.left(alone))
     held = with_them.parameters["viscous.damping"]
     assert held.interval is not None
     assert abs(held.value - truth["viscous.damping"]) < 2.0 * held.interval

@@ -14,13 +14,16 @@ from beltcomm.axis import load_axis
 from beltcomm.control import Feedforward
 from beltcomm.experiments import commission, friction_feedforward, phases
 from beltcomm.experiments.friction_feedforward import shown_by_passes
+from beltcomm.experiments.stops_out_of_move import allowed_lag_m, room_beyond_m
 from beltcomm.identify.amplitude import family_around
 from beltcomm.identify.friction import Plateau
 from beltcomm.machine import stops
 from beltcomm.machine.machine import Machine
+from beltcomm.model import Model
 from beltcomm.rundata.findings import Findings
 from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Silence
+from beltcomm.verify import PredictedMove
 from session.bench import Bench
 from session.conftest import Complete
 
@@ -79,3 +82,24 @@ def test_drives_with_a_filter_against_the_resonance_make_no_short_strokes(make_b
         bare = replace(own, structure=replace(own.structure, prefilters=("none",)))
         (line,) = friction_feedforward.line(load_axis(AXIS), bare)
         assert line.travel_m == pytest.approx(0.2)
+
+
+def test_room_is_what_a_motion_leaves_at_the_ends_that_it_goes_to() -> None:
+    forth = np.linspace(0.0, 0.5, 50)
+    window = (-0.01, 0.57)
+    assert room_beyond_m(window, forth) == pytest.approx(0.07), "it only sets out from the near end"
+    assert room_beyond_m(window, np.concatenate([forth, forth[::-1]])) == pytest.approx(0.01)
+    assert room_beyond_m(window, forth[::-1]) == pytest.approx(0.01)
+    assert room_beyond_m(window, forth + 0.1) == 0.0
+    assert room_beyond_m(window, np.full(9, 0.2)) == 0.0
+
+
+@pytest.mark.parametrize(("off_m", "allowed_m"), [(1e-4, 2.3e-3), (5e-3, 17e-3), (50e-3, 35e-3)])
+def test_an_axis_may_be_off_by_what_is_not_known_of_it_but_for_half_of_the_room(complete: Complete, off_m: float, allowed_m: float) -> None:
+    model, t = complete.final.fit.model, np.linspace(0.0, 1.0, 9)
+
+    def predict(on: Model, _stretch_m: float) -> PredictedMove:
+        error = 1e-4 if on is model else off_m
+        return PredictedMove(t, t, t - error, t, 0.0 * t, 0.0, ())
+
+    assert allowed_lag_m(model, predict, 0.07) == pytest.approx(allowed_m)
