@@ -139,7 +139,7 @@ class _Files:
         return hashlib.sha256(repr((*self._of, key)).encode()).digest()
 
     def load(self, key: Any) -> Any:
-        """What is kept for these types; None where there is nothing, or nothing that can be used."""
+        """Machine code kept for these types; None where there is nothing, or nothing that can be used."""
         path = self.path(key)
         try:
             content = path.read_bytes()

@@ -94,7 +94,7 @@ def words_of(error: BaseException) -> str:
 
 @contextmanager
 def damage_as_data_error(path: Path, what: str) -> Iterator[None]:
-    """Whatever a reader stumbles over on damaged bytes becomes a DataError; ``what`` the file should be."""
+    """A DataError in place of any error that a reader meets in damaged bytes; ``what`` the file should be."""
     try:
         yield
     except (DataError, MemoryError):
