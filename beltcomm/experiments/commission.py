@@ -406,9 +406,9 @@ def measure_friction(
         It judges, nothing is fitted to it.
     """
     machine.begin(TITLES[5])
-    first, last = phases.stroke_ends(machine)
     if machine.folder.finished(name) is None:
         friction_feedforward.learn_friction(machine, model)
+        first, last = phases.stroke_ends(machine)
         if not phases.room_to_sweep(machine, model, speeds_m_s):
             phases.move_to(machine, first, model)
         elif not first <= machine.position_m <= last:  # where a sweep before it was stopped: nothing is left there for an overshoot

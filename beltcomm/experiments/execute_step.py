@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeVar
@@ -211,25 +211,16 @@ def hard_acceleration_m_s2(machine: Machine, model: Model) -> float:
 
 
 def stoppable_path(machine: Machine, loop: Closed, step: Step, course: Course, at_m: float, pace: float = 1.0) -> Trajectory:
-    """The path of a step, slowed down until every stop ends inside the travel and moves keep the belt's force.
+    """The path of a step, slowed down until every stop ends inside the travel and moves keep the belt's force."""
 
-    Raises
-    ------
-    Refused
-        When even the slowest one does not.
-    """
-    shares: Sequence[float] = [pace * share for share in phases.STOPPABLE_SHARES]
-    path = path_of(step, course, at_m)
-    for share in shares:
-        eased = replace(course, gentle=course.gentle.slower(share), hard=course.hard.slower(share))
-        path = path_of(step, eased, at_m)
-        if (
-            not machine.stops_badly(path.position_m, path.velocity_m_s)
-            and within_belt(machine, loop, step, path)
-            and stops_out_of_move.stays_inside(machine, path, phases.stroke_envelope(machine))
-        ):
-            return path
-    return path  # the machine itself says what is wrong with it
+    def plan(share: float) -> Trajectory:
+        eased = replace(course, gentle=course.gentle.slower(pace * share), hard=course.hard.slower(pace * share))
+        return path_of(step, eased, at_m)
+
+    def leaves_by_m(path: Trajectory, enough_m: float) -> float:
+        return phases.strokes_leave_by_m(machine, path, enough_m) if within_belt(machine, loop, step, path) else math.inf
+
+    return phases.stoppable(machine, plan, leaves_by_m)
 
 
 def within_belt(machine: Machine, loop: Closed, step: Step, path: Trajectory) -> bool:

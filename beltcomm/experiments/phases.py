@@ -20,7 +20,7 @@ from beltcomm.errors import NoMotion, Refused, SafetyStop, UsageError
 from beltcomm.excitation import AskedExcitation, Choice, Excitation, PrbsChoice, choose, choose_prbs, visible_band
 from beltcomm.excitation.record import SELDOM_S
 from beltcomm.experiments import own_strokes
-from beltcomm.experiments.stops_out_of_move import positioning, stays_inside
+from beltcomm.experiments.stops_out_of_move import leaves_by_m, positioning
 from beltcomm.given import ExcitationKind
 from beltcomm.identify.amplitude import AmplitudeStep, MotionLimits, family_around, largest_amplitude
 from beltcomm.machine import exciting, host_loss, stops
@@ -314,7 +314,7 @@ def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = P
 
     def plan_to_target(share: float) -> Trajectory:
         plan = partial(plan_trajectory, machine.position_m, target_m, sample_period_s=period)
-        return with_dwell(stoppable(machine, limits.slower(share), plan), 0.3)
+        return with_dwell(stoppable(machine, lambda slower: plan(limits.slower(share * slower))), 0.3)
 
     for _ in range(POSITIONING_TRIES):  # the velocity loop ends a little beside its goal
         if abs(machine.position_m - target_m) < ARRIVED_M:
@@ -383,23 +383,36 @@ def gentle_limits(machine: Machine, model: Model, speed_m_s: float) -> Trajector
     return TrajectoryLimits(jerk_m_s3=20.0 * acceleration, acceleration_m_s2=acceleration, speed_m_s=min(speed_m_s, top))
 
 
-def stoppable(
-    machine: Machine, limits: TrajectoryLimits, plan: Callable[[TrajectoryLimits], M], stays: Callable[[Trajectory], bool] = lambda _: True
-) -> M:
-    """The motion with these limits, or with slower ones, such that a stop at any moment of it ends inside the travel.
+def stoppable(machine: Machine, plan: Callable[[float], M], leaves_by_m: Callable[[Trajectory, float], float] = lambda *_: 0.0) -> M:
+    """The fastest motion that keeps inside the travel with a stop at any moment, or that which leaves it least.
 
-    Of the slowest one tried the machine itself says what is wrong.
+    Neither a fast one nor a slow one leaves it least: friction that a loop does not know drives it the further, the longer a motion takes.
+    Where all of them stop badly, the machine itself says of the slowest what is wrong.
+
+    Parameters
+    ----------
+    plan : callable
+        Of a share of its speed, to the motion.
+    leaves_by_m : callable
+        Of a path and a way beyond which nobody asks, as of :func:`beltcomm.experiments.stops_out_of_move.leaves_by_m`.
     """
-    found = None
+    best, least_m = None, math.inf
     for share in STOPPABLE_SHARES:
-        motion = plan(limits.slower(share))
+        motion = plan(share)
         path = motion.trajectory if isinstance(motion, Strokes) else motion
         if machine.stops_badly(path.position_m, path.velocity_m_s):
             continue
-        if stays(path):
+        beyond_m = leaves_by_m(path, least_m)
+        if not beyond_m:
             return motion
-        found = found or motion  # friction that a loop does not know drives it the further, the longer a motion takes
-    return found or motion
+        if beyond_m < least_m:
+            best, least_m = motion, beyond_m
+    return best or motion
+
+
+def strokes_leave_by_m(machine: Machine, path: Trajectory, enough_m: float = math.inf) -> float:
+    """How far strokes leave the axis without the last bit at its ends, m; as :func:`leaves_by_m` of any envelope."""
+    return leaves_by_m(machine, path, stroke_envelope(machine), enough_m)
 
 
 def stroke_ends(machine: Machine) -> tuple[float, float]:
@@ -441,9 +454,8 @@ def sweep(machine: Machine, model: Model, speeds_m_s: Sequence[float] = (), long
     limits, settle_s = gentle_limits(machine, model, np.inf), own_strokes.settle_s(machine)
     return stoppable(
         machine,
-        limits,
-        lambda slower_: sweep_strokes(at, far, slower_, period, "twice", speeds_m_s, settle_s, longest_s),
-        lambda path: stays_inside(machine, path, stroke_envelope(machine)),
+        lambda share: sweep_strokes(at, far, limits.slower(share), period, "twice", speeds_m_s, settle_s, longest_s),
+        partial(strokes_leave_by_m, machine),
     )
 
 
@@ -451,7 +463,7 @@ def sweep_is_sure(machine: Machine, model: Model) -> bool:
     """True if a sweep over the whole way of strokes keeps to it by the loop in the drive, whatever of its family the axis is."""
     near, far = stroke_ends(machine)
     path = sweep_strokes(near, far, gentle_limits(machine, model, np.inf), machine.drive.capabilities.sample_period_s, "once").trajectory
-    return stays_inside(machine, path, stroke_envelope(machine))
+    return not strokes_leave_by_m(machine, path, 0.0)
 
 
 def short_strokes(machine: Machine, model: Model, way_m: float, share: float, top_m_s: float, plateau_s: float) -> Strokes:
@@ -460,8 +472,8 @@ def short_strokes(machine: Machine, model: Model, way_m: float, share: float, to
     far = farther_end_m(machine)
     end = at + math.copysign(min(way_m, abs(far - at)), far - at)
 
-    def plan(slower: TrajectoryLimits) -> Strokes:
-        fastest = min(top_m_s, fastest_stroke_m_s(slower, abs(end - at), plateau_s))
-        return sweep_strokes(at, end, slower, period, "once", [share * fastest], longest_s=plateau_s)
+    def plan(slower: float) -> Strokes:
+        fastest = min(top_m_s, fastest_stroke_m_s(limits.slower(slower), abs(end - at), plateau_s))
+        return sweep_strokes(at, end, limits.slower(slower), period, "once", [share * fastest], longest_s=plateau_s)
 
-    return stoppable(machine, limits, plan, lambda path: stays_inside(machine, path, stroke_envelope(machine)))
+    return stoppable(machine, plan, partial(strokes_leave_by_m, machine))

@@ -67,10 +67,14 @@ class StopsOutOfMove:
     completed: StopOutOfMove = NO_STOP
     lag_m: float = 0.0
 
+    @property
+    def farthest(self) -> StopOutOfMove:
+        """Move and stops together."""
+        return self.asked_for | self.host_lost | self.completed
+
     def inside(self, window_m: tuple[float, float]) -> bool:
         """True if neither the move nor a stop out of it leaves a window."""
-        farthest = self.asked_for | self.host_lost | self.completed
-        return window_m[0] <= farthest.low_m and farthest.high_m <= window_m[1]
+        return window_m[0] <= self.farthest.low_m and self.farthest.high_m <= window_m[1]
 
 
 def host_loss_limit_n(axis: Axis) -> float:
@@ -148,6 +152,7 @@ def positioning(
         return sent, within(machine, sent)
     model, stops = known
     best: tuple[float, Trajectory, Envelope, StopsOutOfMove] | None = None
+    least_m = math.inf
     for share in POSITIONING_SHARES:
         sent = plan(share)
         envelope = within(machine, sent)
@@ -155,9 +160,10 @@ def positioning(
         limit = belt_force_limit_n(machine, model, float(np.max(np.abs(sent.velocity_m_s))), STOP_SWING)
         borne = found.asked_for.belt_force_n <= limit and found.host_lost.belt_force_n <= HOST_LOSS_SWING * machine.axis.belt_force_limit_n
         if borne and found.inside(envelope.window_m):
-            best = best or (share, sent, envelope, found)
-            if stays_inside(machine, sent, envelope):
-                best = share, sent, envelope, found
+            beyond_m = leaves_by_m(machine, sent, envelope, least_m)
+            if beyond_m < least_m:
+                best, least_m = (share, sent, envelope, found), beyond_m
+            if not beyond_m:
                 break
     share, sent, envelope, found = best or (share, sent, envelope, found)
     machine.folder.journal(
@@ -167,29 +173,38 @@ def positioning(
     return sent, envelope
 
 
-def stays_inside(machine: Machine, sent: Trajectory, envelope: Envelope) -> bool:
-    """True if the loop that is in the drive keeps an envelope in a motion and in any stop out of it, whatever of the family the axis is.
+def leaves_by_m(machine: Machine, sent: Trajectory, envelope: Envelope, enough_m: float = math.inf) -> float:
+    """How far the loop in the drive leaves an envelope in a motion or a stop out of it, m, at worst of the family; 0: not at all.
 
     A loop that is weak beside the torque sent along goes where that torque drives the axis: a tenth of the friction, or of the mass,
-    that is not there is a way.  True where nobody knows the loop, the drive makes its strokes by itself, or the axis is one known model.
+    that is not there is a way.  0 where nobody knows the loop, the drive makes its strokes by itself, or the axis is one known model.
+
+    Parameters
+    ----------
+    enough_m : float, m
+        Beyond which nobody asks how far; then at least that.
     """
     known = _known_loop(machine)
     if known is None or len(machine.family) < 2:
-        return True
-    _, stops = known
-
-    def keeps(instants: int) -> tuple[bool, float]:
-        """True if the envelope is kept, with stops at so many instants, and the largest following error, m."""
-        largest = 0.0
+        return 0.0
+    (_, stops), (low, high) = known, envelope.window_m
+    lag_m = math.inf if envelope.lag_m is None or machine.stroking() != "position" else envelope.lag_m
+    beyond, behind = 0.0, 0.0
+    for instants in (0, UNSURE_INSTANTS):
+        if instants and not beyond and behind < FOLLOWS_M:
+            break
         for member in machine.family:
             found = stops(member, sent, envelope, instants)
-            largest = max(largest, found.lag_m)
-            if not found.inside(envelope.window_m) or (machine.stroking() == "position" and found.lag_m > (envelope.lag_m or math.inf)):
-                return False, largest
-        return True, largest
+            reached, behind = found.farthest, max(behind, found.lag_m)
+            beyond = max(beyond, low - reached.low_m, reached.high_m - high, found.lag_m - lag_m)
+            if beyond > enough_m:
+                return beyond
+    return beyond
 
-    kept, largest = keeps(0)
-    return kept and (largest < FOLLOWS_M or keeps(UNSURE_INSTANTS)[0])
+
+def stays_inside(machine: Machine, sent: Trajectory, envelope: Envelope) -> bool:
+    """True if :func:`leaves_by_m` is 0."""
+    return not leaves_by_m(machine, sent, envelope, 0.0)
 
 
 def _known_loop(machine: Machine) -> tuple[Model, Callable[[Model, Trajectory, Envelope, int], StopsOutOfMove]] | None:

@@ -11,7 +11,8 @@ from beltcomm.axis import axis_from_dict, load_axis
 from beltcomm.errors import DataError, UsageError
 from beltcomm.fit.start.first_estimate import data_sheet_model, first_estimate, first_path, stiffness_range
 from beltcomm.model import Model
-from identify.records import COUNTS, Recorder, true_model
+from fit.drives import smoothed
+from identify.records import COUNTS, PERIOD_S, Recorder, true_model
 from truth.rigs import Rig, draw
 
 AXIS = load_axis("egc-70-600")
@@ -107,6 +108,18 @@ def test_an_inertia_that_a_record_hardly_tells_is_the_data_sheets() -> None:
     truth = true_model(plant)["motor.inertia"]
     assert not 0.75 * truth < first_estimate([record], true_model(plant), 4096).model["motor.inertia"] < 1.3 * truth
     assert first_path(record, true_model(plant), 4096).model["motor.inertia"] == pytest.approx(truth, rel=0.11)
+
+
+@pytest.mark.parametrize("seed", [0, 5])
+def test_a_drive_that_filters_before_and_behind_its_torque_shows_no_other_inertia(seed: int) -> None:
+    """Taken to lie before the torque, filters of which one is behind it make half of the motor, where a coarse encoder tells little."""
+    random = np.random.default_rng(seed)
+    plant, lag_s, filter_s = draw("g_a", random), random.uniform(2e-4, 5e-4), random.uniform(5e-4, 1.5e-3)
+    record = Recorder(seed, noise_nm=2e-3, counts=4096, lag_s=lag_s).shaken(plant, 0.171, 1, at_m=0.28)
+    reading = smoothed(record.torque, 1.0 - np.exp(-PERIOD_S / filter_s))
+    late = 0.5 * (reading + np.append(reading[:1], reading[:-1]))
+    found = first_path(replace(record, torque=late), data_sheet_model(AXIS, 0.28, COULOMB_NM), 4096).model["motor.inertia"]
+    assert found == pytest.approx(plant.axis.inertia_kg_m2, rel=0.25)
 
 
 @pytest.mark.parametrize("scale", [0.55, 1.8])

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beltcomm.axis import load_axis
+from beltcomm.axis import TrajectoryLimits, load_axis
 from beltcomm.control import Feedforward
+from beltcomm.errors import Refused
 from beltcomm.experiments import commission, friction_feedforward, phases
 from beltcomm.experiments.friction_feedforward import shown_by_passes
 from beltcomm.experiments.stops_out_of_move import allowed_lag_m, room_beyond_m
@@ -23,12 +24,14 @@ from beltcomm.model import Model
 from beltcomm.rundata.findings import Findings
 from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Silence
+from beltcomm.trajectory import Trajectory, plan_trajectory
 from beltcomm.verify import PredictedMove
 from session.bench import Bench
 from session.conftest import Complete
 
 AXIS = "egc-70-600"
 MakeBench = Callable[..., Bench]
+PATH = plan_trajectory(0.0, 0.1, TrajectoryLimits(jerk_m_s3=50.0, acceleration_m_s2=2.0, speed_m_s=0.3), sample_period_s=1e-3)
 FRICTION = Feedforward(coulomb_nm=0.125, viscous_nm_s_rad=2.5e-3)
 
 
@@ -103,3 +106,44 @@ def test_an_axis_may_be_off_by_what_is_not_known_of_it_but_for_half_of_the_room(
         return PredictedMove(t, t, t - error, t, 0.0 * t, 0.0, ())
 
     assert allowed_lag_m(model, predict, 0.07) == pytest.approx(allowed_m)
+
+
+@pytest.mark.parametrize(("leaves_mm", "chosen"), [([0.0, 5.0, 9.0], 0), ([58.0, 28.0, 6.0, 7.0, 11.0], 2), ([30.0, 0.0, 5.0], 1)])
+def test_of_motions_of_which_none_keeps_inside_that_which_leaves_it_least_is_made(leaves_mm: list[float], chosen: int) -> None:
+    """Slower is no remedy: friction that a weak loop does not know drives the axis the further, the longer a motion takes."""
+
+    class Stops:
+        def stops_badly(self, *_: object) -> str:
+            return ""
+
+    paths = [replace(PATH, position_m=PATH.position_m + number) for number in range(len(leaves_mm))]
+    tried = iter(paths + paths[-1:] * 99)
+
+    def leaves_by_m(path: Trajectory, _enough_m: float) -> float:
+        return 1e-3 * leaves_mm[round(float(path.position_m[0]))]
+
+    assert phases.stoppable(Stops(), lambda _: next(tried), leaves_by_m) is paths[chosen]  # type: ignore[arg-type]
+
+
+def test_a_sweep_begins_inside_what_short_strokes_left_to_it(
+    make_bench: MakeBench, complete: Complete, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench, folder, began = make_bench(), RunFolder.create(tmp_path / "run", load_axis(AXIS)), []
+    model = complete.final.fit.model
+
+    def unsure(machine: Machine, _: Model) -> None:
+        machine.free_share = 0.2
+
+    def recorded(*_: object) -> None:
+        began.append((machine.position_m, phases.stroke_ends(machine)))
+        raise Refused("enough")
+
+    monkeypatch.setattr(friction_feedforward, "learn_friction", unsure)
+    with bench.open(bench.name) as drive, Machine(drive, load_axis(AXIS), folder, Silence()) as machine:
+        strong, _ = commission.first_cascade(machine, Findings(), model, 0.25)
+        stops.count_on_loop(machine, family_around(model), machine.write_cascade(strong), 1e-3)
+        monkeypatch.setattr(machine, "record", recorded)
+        with pytest.raises(Refused, match="enough"):
+            commission.measure_friction(machine, model)
+    ((at_m, (first_m, last_m)),) = began
+    assert first_m - 1e-3 < at_m < last_m + 1e-3

@@ -48,7 +48,7 @@ FEWEST_SAMPLES = 100
 #: rad: a motor that turned by this has moved, whatever few samples show it.
 CLEARLY_MOVED_RAD = 0.05
 #: Between which inertia is looked for, over the data sheet's, and how near to a bound is at it.
-INERTIA_SHARES, CLOSE = (0.5, 2.0), 1e-2
+INERTIA_SHARES = (0.5, 2.0)
 #: N m: no torque of a belt axis; a trial whose motion runs away reaches it.
 RUNAWAY_NM = 1e6
 #: Share of the acceleration that its rounding may be: a belt's resonance needs a wide band, and a start may be off by the square of this.
@@ -489,13 +489,24 @@ def first_path(recording: Recording, start: Model, counts_per_rev: int) -> First
         return FirstPath(path, _by_the_sheet(recording, start, counts_per_rev, path, found))
 
     step = 2.0 * math.pi / counts_per_rev
-    share = first.model["motor.inertia"] / start["motor.inertia"]
-    at_bound = not INERTIA_SHARES[0] * (1.0 + CLOSE) < share < INERTIA_SHARES[1] * (1.0 - CLOSE)
-    if chain is None or (not at_bound and _least(recording, start["motor.inertia"], step) >= (1.0 - EXPLAINED) * first.rest):
+    by_sheet = SHEET_RIGHT_TO[0] <= first.model["motor.inertia"] / start["motor.inertia"] <= SHEET_RIGHT_TO[1]
+    if chain is None or (by_sheet and _least(recording, start["motor.inertia"], step) >= (1.0 - EXPLAINED) * first.rest):
         return told(faithful, first)
-    others = _by_motion(chain.law) if reads_command(chain, [recording]) else ways_of(chain.law, chain.at_end)
-    trials = [(path, first_estimate([recording], start, counts_per_rev, path)) for path in others if path != faithful]
-    path, best = min(trials, key=lambda trial: trial[1].rest, default=(faithful, first))
+    others = [
+        path
+        for path in (_by_motion(chain.law) if reads_command(chain, [recording]) else ways_of(chain.law, chain.at_end))
+        if path != faithful
+    ]
+
+    def best_of(shares: tuple[float, float] = INERTIA_SHARES) -> tuple[TorquePath, FirstEstimate]:
+        trials = [(path, first_estimate([recording], start, counts_per_rev, path, shares)) for path in others]
+        return min(trials, key=lambda trial: trial[1].rest, default=(faithful, first))
+
+    if not by_sheet:
+        path, held = best_of(SHEET_RIGHT_TO)
+        if not _is_certainly_better(held, first):  # another path needs no other inertia than that of the data sheets
+            return FirstPath(path, held.model)
+    path, best = best_of()
     return told(path, best) if _is_clearly_better(first, best) else told(faithful, first)
 
 
@@ -518,9 +529,12 @@ def _least(recording: Recording, inertia_kg_m2: float, step_rad: float) -> float
 
 def _is_clearly_better(first: FirstEstimate, other: FirstEstimate) -> bool:
     """True if another estimate leaves so much less torque that it is no chance, and no small part of what is left."""
-    if not 0.0 < other.rest < (1.0 - EXPLAINED) * first.rest:
-        return False
-    return first.samples * math.log(first.rest / other.rest) > math.log(first.samples) + CLEAR
+    return other.rest < (1.0 - EXPLAINED) * first.rest and _is_certainly_better(first, other)
+
+
+def _is_certainly_better(first: FirstEstimate, other: FirstEstimate) -> bool:
+    """True if it is no chance that another estimate leaves less torque."""
+    return other.rest > 0.0 and first.samples * math.log(first.rest / other.rest) > math.log(first.samples) + CLEAR
 
 
 def _by_motion(law: DriveLaw) -> Iterator[TorquePath]:
