@@ -45,5 +45,6 @@ def test_the_way_to_operation_enabled_has_three_commands_and_none_out_of_a_fault
 def test_a_fault_is_named_by_the_maker_then_by_the_standard():
     assert emergency_text(0x8611, {0x8611: "17-x"}) == "17-x"
     assert emergency_text(0x8130, {}).startswith("life guard")
+    assert emergency_text(0x8110, {}) == "CAN overrun: messages were lost"
     assert emergency_text(0x4310, {}) == "temperature"
     assert emergency_text(0xFF01, {}) == "device specific"
