@@ -40,7 +40,7 @@ READ = ("compare", "report", "compare again")
 
 
 def plant(seed: int, file: Path) -> dict[str, Any]:
-    """A drawn plant, written; what was drawn."""
+    """A drawn plant, written, with its axis.yaml beside it; what was drawn."""
     draw = np.random.default_rng([20261128, seed])
     name, counts, with_instruments = ("g_a", "g_b")[seed % 2], (65536, 2000)[seed // 2 % 2], bool(seed // 4 % 2)
     facts = yaml.safe_load(find_config("plants", name).read_text(encoding="utf-8"))
@@ -54,6 +54,9 @@ def plant(seed: int, file: Path) -> dict[str, Any]:
         drive["reading_late_ticks"] = float(draw.choice([0.0, 0.5, 1.0]))
         drive["reading_step_nm"] = float(draw.uniform(2e-3, 12e-3))
     file.write_text(yaml.safe_dump(facts, sort_keys=False), encoding="utf-8")
+    axis = yaml.safe_load(find_config("axes", "egc-70-600").read_text(encoding="utf-8"))
+    axis["motor"]["encoder_counts_per_rev"] = counts
+    file.with_name("axis.yaml").write_text(yaml.safe_dump(axis, sort_keys=False), encoding="utf-8")
     truth = {key: one["value"] for key, one in facts["parameters"].items()}
     return {"plant": name, "counts": counts, "instruments": with_instruments, "drive": drive, "truth": truth}
 
@@ -79,7 +82,7 @@ def examined(seed: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="answers-") as folder:
         run, file = f"{folder}/run", Path(folder) / "plant.yaml"
         line: dict[str, Any] = {"seed": seed, **plant(seed, file)}
-        drive = ["--drive", f"virtual:{file}", "--axis", "egc-70-600", "--run", run]
+        drive = ["--drive", f"virtual:{file}", "--axis", str(file.with_name("axis.yaml")), "--run", run]
         steps = {
             "commission": ["commission", *drive, "--yes", "--quick", "--no-report", "--seed", str(seed)],
             "compare": ["compare", run],
@@ -93,7 +96,7 @@ def examined(seed: int) -> dict[str, Any]:
             if name == "report":
                 answer["model"] = yaml.safe_load((Path(run) / "models/final.yaml").read_text(encoding="utf-8"))
             models[name] = told(answer)
-            line.setdefault("said", {})[name] = answer.get("said", answer.get("headline"))
+            line.setdefault("said", {})[name] = answer.get("said", answer.get("headline", answer.get("error")))
             if name == "commission" and not models[name]:
                 break
         line |= {"codes": codes, "models": models, "ratio": answer.get("ratio"), "seconds": time.monotonic() - begun}
