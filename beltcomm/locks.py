@@ -108,7 +108,7 @@ def occupied(
     key = (os.path.realpath(folder), threading.get_ident())
     hold = _holds.get(key)
     if hold is None:
-        refuse_links(folder)
+        _refuse_links(folder)
         hold = _holds[key] = _Hold(_folder_lock(folder, talk, refusal, unwritable))
         if hold.lock is not None:
             atomic.sweep(folder)
@@ -178,7 +178,7 @@ def at_work(folder: Path, holder: str) -> str:
     return f"another session is at work in {folder} ({holder}); wait for its end, or choose another folder"
 
 
-def refuse_links(folder: Path) -> None:
+def _refuse_links(folder: Path) -> None:
     """Raise UsageError where a command would write through a link out of a folder, or into a pipe or folder instead of a file."""
     with suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:

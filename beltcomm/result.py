@@ -53,7 +53,7 @@ class Result:
         return "\n".join(map(str, self.text))
 
     def _repr_html_(self) -> str:
-        return html_of(self.text)
+        return _html_of(self.text)
 
 
 class Row(str):
@@ -120,10 +120,10 @@ class Described:
         return "\n".join(self._lines())
 
     def _repr_html_(self) -> str:
-        return html_of(self._lines())
+        return _html_of(self._lines())
 
 
-def html_of(lines: Iterable[str]) -> str:
+def _html_of(lines: Iterable[str]) -> str:
     """Lines as a notebook shows them: rows as tables, text as it stands."""
     parts = []
     for is_row, some in groupby(lines, key=lambda line: isinstance(line, Row) and bool(line.cells)):

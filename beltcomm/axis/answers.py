@@ -40,7 +40,7 @@ USUAL: Mapping[str, tuple[float, float]] = {
 Kind = Literal["axes", "motors"]
 
 
-def usual_range(entry: str, kind: str = "") -> tuple[float, float]:
+def _usual_range(entry: str, kind: str = "") -> tuple[float, float]:
     """Range that most axes of a kind have, SI or degrees, for an entry as their files name it."""
     own = KINDS.get(kind)
     if own is not None and entry in own.renamed:
@@ -50,14 +50,14 @@ def usual_range(entry: str, kind: str = "") -> tuple[float, float]:
 
 def usual(entry: str, value: float, kind: str = "") -> bool:
     """True if a value of an entry is in the range that most axes have."""
-    low, high = usual_range(entry, kind)
+    low, high = _usual_range(entry, kind)
     return low <= value <= high
 
 
 def usual_words(entry: str, kind: str = "") -> str:
     """The usual range, in the units that people think in."""
     name = entry.partition(".")[2]
-    return " ... ".join(in_words(name, value) for value in usual_range(entry, kind))
+    return " ... ".join(in_words(name, value) for value in _usual_range(entry, kind))
 
 
 def in_words(name: str, value: float) -> str:

@@ -142,12 +142,12 @@ class AmplitudeStep:
     binds: str
 
 
-def no_stop(_model: Model) -> Braking:
+def _no_stop(_model: Model) -> Braking:
     """A stop that takes no way: where it is of no interest."""
     return Braking(np.inf, 0.0)
 
 
-def no_loss(_model: Model) -> tuple[HostLoss, ...]:
+def _no_loss(_model: Model) -> tuple[HostLoss, ...]:
     """A host that does not die: where it is of no interest."""
     return ()
 
@@ -253,8 +253,8 @@ def predict(
     torque: Array,
     sample_s: float,
     position_m: float,
-    braking: Callable[[Model], Braking] = no_stop,
-    losses: Callable[[Model], Sequence[HostLoss]] = no_loss,
+    braking: Callable[[Model], Braking] = _no_stop,
+    losses: Callable[[Model], Sequence[HostLoss]] = _no_loss,
 ) -> Prediction:
     """Worst case of one record over a family of models, starting at rest at ``position_m``.
 
@@ -301,8 +301,8 @@ def largest_amplitude(
     position_m: float,
     limits: MotionLimits,
     at_most_nm: float,
-    braking: Callable[[Model], Braking] = no_stop,
-    losses: Callable[[Model], Sequence[HostLoss]] = no_loss,
+    braking: Callable[[Model], Braking] = _no_stop,
+    losses: Callable[[Model], Sequence[HostLoss]] = _no_loss,
 ) -> AmplitudeStep:
     """The largest amplitude, up to ``at_most_nm``, for which every member of the family stays inside all limits.
 

@@ -133,7 +133,7 @@ def delivered(
         OF: hashes_of(findings.cascade, basis.model),
         **(noted or {}),
     }
-    kept = keep_damaged(folder)
+    kept = _keep_damaged(folder)
     sound = "final" in folder.names("designs") and not doubts(folder)
     kept = kept or keep_replaced(folder, mapping)
     folder.save("designs", "final", mapping)
@@ -180,7 +180,7 @@ def _headline(basis: Basis, doubted: Sequence[str]) -> Line:
     return Line("  ", word, "   ", (tr(said, name=name), "title"))
 
 
-def keep_damaged(folder: RunFolder) -> str:
+def _keep_damaged(folder: RunFolder) -> str:
     """Before another design takes its place, one that cannot be read stays as ``designs/replaced_N.yaml``; its name, "" for a sound one."""
     kept = folder.names("designs")
     if "final" not in kept:

@@ -59,14 +59,14 @@ def searched(job: Callable[P, Result]) -> Callable[P, Result]:
             return job(*args, **kwargs)
         except BeltcommError as problem:
             options, talk = kwargs.get("options"), kwargs.get("talk")
-            if problem.run is not None and isinstance(options, Options) and options.search and by_the_axis(problem):
+            if problem.run is not None and isinstance(options, Options) and options.search and _by_the_axis(problem):
                 problem.diagnosis = early_end(RunFolder.open(problem.run), problem, talk or Silence())  # type: ignore[arg-type]
             raise
 
     return wrapper
 
 
-def by_the_axis(problem: BeltcommError) -> bool:
+def _by_the_axis(problem: BeltcommError) -> bool:
     """True if an error can come from the axis: not from a no, from drive and bus, or from whoever stopped it."""
     if isinstance(problem, SafetyStop):
         return problem.reason not in NOT_THE_AXIS

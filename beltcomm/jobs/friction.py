@@ -104,7 +104,7 @@ def plan_of(axis: Axis, capabilities: Capabilities, model: Model, asked: Wanted)
             lines.append(replace(sweep, title=title))
             continue
         strokes, _ = orders.strokes_for(orders.speeds_of(order, asked.often), room, course.gentle, axis)
-        records = orders.records_of(strokes, course.gentle, record_s(capabilities))
+        records = orders.records_of(strokes, course.gentle, _record_s(capabilities))
         top, way = max(s.speed_m_s for s in strokes), max(s.length_m for s in strokes)
         seconds = sum(orders.seconds_of(s, course.gentle) for s in strokes) + BRING_SECONDS * len(records)
         lines.append(Experiment(title, way, whole, top, torque, gentle_force_n(axis), seconds, stroking_nm(axis, capabilities)))
@@ -121,7 +121,7 @@ def plan_of(axis: Axis, capabilities: Capabilities, model: Model, asked: Wanted)
     )
 
 
-def record_s(capabilities: Capabilities) -> float:
+def _record_s(capabilities: Capabilities) -> float:
     """Longest record of a sweep, s."""
     return DRIFTING_RECORD_S if stroking(capabilities) == "velocity" else orders.RECORD_S
 
@@ -174,7 +174,7 @@ def _possible(machine: Machine, model: Model, order: str, asked: Wanted) -> tupl
     if len({s.speed_m_s for s in kept}) < 2:
         raise Refused(f"no sweep is possible: {next(filter(None, beyond.values()))}")
     without = {speed for speed, words_ in beyond.items() if words_}
-    return orders.records_of(kept, limits, record_s(machine.drive.capabilities)), {*left_out, *without}
+    return orders.records_of(kept, limits, _record_s(machine.drive.capabilities)), {*left_out, *without}
 
 
 def _recorded(machine: Machine, path: Trajectory, note: SweepNote, asked: Wanted) -> str:

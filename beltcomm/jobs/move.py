@@ -40,17 +40,17 @@ def admit(axis: Axis, by_m: float) -> None:
     axis.require("move", "pulley.effective_radius_m", "travel.min_m", "travel.max_m")
 
 
-def by_drive(capabilities: Capabilities) -> bool:
+def _by_drive(capabilities: Capabilities) -> bool:
     """True if the drive makes the move by itself."""
     return stroking(capabilities) == "profile"
 
 
 def plan_of(axis: Axis, capabilities: Capabilities, by_m: float) -> Plan:
     """Plan of the move, before anything happens."""
-    torque = axis.torque_limit_nm if by_drive(capabilities) else BREAKAWAY_SHARE * axis.torque_limit_nm
+    torque = axis.torque_limit_nm if _by_drive(capabilities) else BREAKAWAY_SHARE * axis.torque_limit_nm
     speed, seconds = CREEP_SPEED_M_S, RAMP_S * (1.0 + abs(by_m) / 3e-3)
     what = tr("creep {way:+.1f} mm under slowly rising torque, in several goes", way=1e3 * by_m)
-    if by_drive(capabilities):
+    if _by_drive(capabilities):
         speed, seconds = (
             STROKE.speed_m_s,
             abs(by_m) / STROKE.speed_m_s + STROKE.speed_m_s / STROKE.acceleration_m_s2 + 2.0 * REST_S + LATE_S,
@@ -71,7 +71,7 @@ def make(drive: Drive, axis: Axis, by_m: float, position_m: float | None) -> flo
     position_m : float or None
         Where the carriage stands, as the operator says. Raises as the drive does.
     """
-    if not by_drive(drive.capabilities):
+    if not _by_drive(drive.capabilities):
         return small_move(drive, axis, by_m, position_m)
     ratio, period_s = axis.transmission_m_rad, drive.capabilities.sample_period_s
     limits = move_limits(drive, axis, by_m, position_m)
@@ -95,7 +95,7 @@ def moved(drive: Drive, name: str, axis: Axis, by_m: float, options: Options, ta
     if options.dry_run:
         return plan_result(plan)
     agree(plan, options, talk, drive, axis)
-    gone, closed = make(drive, axis, by_m, options.position_m), by_drive(drive.capabilities)
+    gone, closed = make(drive, axis, by_m, options.position_m), _by_drive(drive.capabilities)
     reached = abs(gone - by_m) < max(0.2 * abs(by_m), 2e-3)
     how = "the drive closed its loop with the gains that are in it" if closed else "no loop was closed"
     text = [f"The carriage went {1e3 * gone:+.2f} mm, asked were {1e3 * by_m:+.2f} mm; {how}."]

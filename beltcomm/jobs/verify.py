@@ -203,7 +203,7 @@ def verify_with(
         ways = [(rung.change(cascade), rung.sending) for rung in RUNGS] if rungs else [(cascade, sending)]
         for gains, how in ways:
             record = _names(folder)()
-            with set_by_hand(drive, folder):
+            with _set_by_hand(drive, folder):
                 verdict, asked = verify_move(machine, model, gains, delay_s, path, record, sending=how, learnt=taught, agreed_n=agreed_n)
             _keep(folder, drive, model, gains, path, record, verdict, LEARNT if taught is not None else how, remark)
             driven.append((record, verdict, asked))
@@ -236,7 +236,7 @@ def _keep(
     """The verdict of a move, and what it proves.   how : what the host added."""
     driven_with = proof(gains, path, (), how if how in ("stretch", "compliant", "led", LEARNT) else "")
     shown = {"proof": driven_with, OF: hashes_of(driven_with["gains"], model)}
-    if drive.capabilities.gains == "unknown" and not as_predicted(verdict):
+    if drive.capabilities.gains == "unknown" and not _as_predicted(verdict):
         shown = {}  # what was driven are other gains
     folder.save("results", f"verify_{record}", {**verdict_to_dict(verdict), **shown, NOTED: [remark] if remark else []})
 
@@ -310,7 +310,7 @@ def _result(
         told = tr("this move, with feedforward {kind} in place of the design's, misses its target", kind=feedforward)
         first = replace(headline, state="fail", sentence=told)
     if typed:
-        notes.append(typed_words(verdict))
+        notes.append(_typed_words(verdict))
         if step.writes_gains:
             step = NextCommand(f"beltcomm report {pasted(folder.path)}", tr("save the gains with the maker's tool, and keep this run"))
     text = [
@@ -327,7 +327,7 @@ def _result(
 
 
 @contextmanager
-def set_by_hand(drive: Drive, folder: RunFolder) -> Iterator[None]:
+def _set_by_hand(drive: Drive, folder: RunFolder) -> Iterator[None]:
     """Around a move with gains that only a person sets: a stop is first of all a word on those."""
     try:
         yield
@@ -341,16 +341,16 @@ def set_by_hand(drive: Drive, folder: RunFolder) -> Iterator[None]:
         ) from problem
 
 
-def as_predicted(verdict: Verdict) -> bool:
+def _as_predicted(verdict: Verdict) -> bool:
     """True if a drive behaved, no worse and no better, as it would with the gains of the prediction."""
     off, said = verdict.measured.dynamic_m, verdict.predicted.dynamic_m
     return off <= AS_PREDICTED * said + SLACK_M and said <= AS_PREDICTED * off + SLACK_M
 
 
-def typed_words(verdict: Verdict) -> str:
+def _typed_words(verdict: Verdict) -> str:
     """Words on a move with gains that a person has typed in, against the prediction."""
     off, said = verdict.measured.dynamic_m, verdict.predicted.dynamic_m
-    if as_predicted(verdict):
+    if _as_predicted(verdict):
         return "The drive did as predicted with the gains of the design: they are in it, as far as this move can tell."
     return (
         f"The drive was off by {mm(off)} where {mm(said)} are predicted with the gains of the design: they are not what "

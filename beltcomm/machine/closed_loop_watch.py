@@ -43,7 +43,7 @@ class Watched(Protocol):
         ...
 
 
-def rigid_torque(model: Model, motion: Motion, holding_nm: float) -> Array:
+def _rigid_torque(model: Model, motion: Motion, holding_nm: float) -> Array:
     """Torque of a rigid axis along a motion:  J φ̈ + τ_C sign φ̇ + d φ̇ + τ_g, N m, (n,)."""
     speed = motion.velocity_rad_s
     acceleration = np.gradient(speed, motion.period_s)
@@ -52,7 +52,7 @@ def rigid_torque(model: Model, motion: Motion, holding_nm: float) -> Array:
     )
 
 
-def planned_torque_nm(machine: Watched, model: Model, torque_nm: Array) -> float:
+def _planned_torque_nm(machine: Watched, model: Model, torque_nm: Array) -> float:
     """Largest torque that a motion or a stop out of it takes, N m.
 
     Parameters
@@ -66,12 +66,12 @@ def planned_torque_nm(machine: Watched, model: Model, torque_nm: Array) -> float
 
 def lent_torque_nm(machine: Watched, model: Model, torque_nm: Array) -> float:
     """Torque beyond which a drive with a known loop does not go while it makes a motion, N m: its limit 6072h is lent for that, where it
-    takes one.   torque_nm : as of :func:`planned_torque_nm`."""
+    takes one.   torque_nm : as of :func:`_planned_torque_nm`."""
     own = machine.drive.capabilities
     limit = own.parameters.get(LIMIT_NAMES[0])
     if limit is None or limit.index in own.not_taken:
         return own.peak_torque_nm
-    return min(own.peak_torque_nm, machine.envelope().torque_nm, OVER_PLAN * planned_torque_nm(machine, model, torque_nm))
+    return min(own.peak_torque_nm, machine.envelope().torque_nm, OVER_PLAN * _planned_torque_nm(machine, model, torque_nm))
 
 
 def unwatched(_row: Row) -> None:
@@ -113,7 +113,7 @@ def foreseen(machine: Watched, motion: Motion) -> Foreseen:
         return Foreseen(belt)
     (model, delay_s), capabilities = machine.closed, machine.drive.capabilities
     if machine.cascade is None:
-        torque, over = rigid_torque(model, motion, machine.holding_nm), OVER_RIGID
+        torque, over = _rigid_torque(model, motion, machine.holding_nm), OVER_RIGID
     else:
         drive = Loop(capabilities.structure, delay_s, capabilities.peak_torque_nm, capabilities.counts_per_rev)
         torque, over = predicted_torque(model, machine.cascade, motion, drive, machine.ratio, machine.origin_rad), OVER_PLAN
@@ -124,4 +124,4 @@ def foreseen(machine: Watched, motion: Motion) -> Foreseen:
         resonance(row)
         belt(row)
 
-    return Foreseen(watch, over * planned_torque_nm(machine, model, torque))
+    return Foreseen(watch, over * _planned_torque_nm(machine, model, torque))

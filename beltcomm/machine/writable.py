@@ -58,7 +58,7 @@ class Writable:
         own = drive.capabilities
         kinds = {item.place: item.kind for item in found or drive.objects()}
         kinds |= {(entry.index, entry.subindex): entry.type for entry in own.parameters.values()}
-        rated = {} if folder is None else most_of(own, folder) | {name: (MOST[name], "what drives have") for name in GAIN_NAMES[:4]}
+        rated = {} if folder is None else _most_of(own, folder) | {name: (MOST[name], "what drives have") for name in GAIN_NAMES[:4]}
         held = {n: own.parameters[n] for n in rated if n in own.parameters and own.parameters[n].law == "linear"}
         limits = {(entry.index, entry.subindex): (name, entry.scale, *rated[name]) for name, entry in held.items()}
         return cls({place: kind for place, kind in kinds.items() if place == MODE or not is_command(*place)}, limits)
@@ -118,7 +118,7 @@ class Writable:
                 )
 
 
-def most_of(capabilities: Capabilities, folder: RunFolder) -> dict[str, tuple[float, str]]:
+def _most_of(capabilities: Capabilities, folder: RunFolder) -> dict[str, tuple[float, str]]:
     """The most that each limit may be, SI, and by whose word: axis.yaml's, else what the drive has, or had when the run began: a session
     that was cut off leaves it lower.  Never more than motors do."""
     motor = folder.axis.motor if folder.has_axis else Motor()

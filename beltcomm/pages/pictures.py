@@ -37,10 +37,10 @@ SENTENCES = 3
 
 def comparison_pictures(folder: RunFolder, data: Data, fitted: Fitted, found: Comparison, command: str) -> tuple[list[str], list[str]]:
     """Overlay of the worst record, error maps, frequency responses.   Returns paths and remarks, as :func:`_written`."""
-    return _written(folder, lambda: comparison_figures(folder, data, fitted, found, command))
+    return _written(folder, lambda: _comparison_figures(folder, data, fitted, found, command))
 
 
-def comparison_figures(folder: RunFolder, data: Data, fitted: Fitted, found: Comparison, command: str) -> dict[str, Figure]:
+def _comparison_figures(folder: RunFolder, data: Data, fitted: Fitted, found: Comparison, command: str) -> dict[str, Figure]:
     """Figures of a comparison, by name."""
     from beltcomm.report import bode
 

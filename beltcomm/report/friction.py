@@ -19,7 +19,7 @@ COLOURS = (MODEL, RESIDUAL, MEASURED, HELD_OUT, SEVERE, FAINT)
 AROUND, ABOVE = 2.0, 1.6
 
 
-def standstill_figure(found: Standstill, friction: FrictionFit, caption: Caption) -> Figure:
+def _standstill_figure(found: Standstill, friction: FrictionFit, caption: Caption) -> Figure:
     """The friction curve with the straight line that the damping of the response would mean."""
     with styled():
         shown = figure(f"Friction of the sweep, and the damping that {found.record} shows around standstill", 4.6, caption)
@@ -51,7 +51,7 @@ def standstill_figure(found: Standstill, friction: FrictionFit, caption: Caption
     return shown
 
 
-def orders_figure(sweeps: Sequence[Sweep], caption: Caption) -> Figure:
+def _orders_figure(sweeps: Sequence[Sweep], caption: Caption) -> Figure:
     """All passes of all sweeps and their laws; below, what each law leaves of its passes.
 
     One colour for each order, or for each repetition of the only one.
@@ -81,7 +81,7 @@ def orders_figure(sweeps: Sequence[Sweep], caption: Caption) -> Figure:
     return shown
 
 
-def clock_figure(sweeps: Sequence[Sweep], drift: Drift | None, caption: Caption) -> Figure:
+def _clock_figure(sweeps: Sequence[Sweep], drift: Drift | None, caption: Caption) -> Figure:
     """Coulomb and viscous friction of each sweep of one measurement over the session's clock, and the drift."""
     with styled():
         shown = figure("Friction over the session's clock", 4.8, caption)
@@ -152,13 +152,13 @@ def figures(
     made: dict[str, Figure] = {}
     fitted = [s for s in sweeps if s.fit is not None]
     if found is not None:
-        made["friction_standstill"] = standstill_figure(found, friction, caption)
+        made["friction_standstill"] = _standstill_figure(found, friction, caption)
     if fitted:
-        made["friction_orders"] = orders_figure(fitted, caption)
+        made["friction_orders"] = _orders_figure(fitted, caption)
     for number, drift in drifts.items():
         of = [s for s in fitted if s.note.measurement == number]
         if len(of) > 1:
-            made[f"friction_clock_{number}"] = clock_figure(of, None if isinstance(drift, str) else drift, caption)
+            made[f"friction_clock_{number}"] = _clock_figure(of, None if isinstance(drift, str) else drift, caption)
     return made
 
 

@@ -144,7 +144,7 @@ def save(picture: Figure, path: Path) -> Path:
     """Write a figure as PNG, whole or not at all; the same figure gives the same bytes."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic.replacing(path) as file:
-        laid_out(in_own_words(picture)).savefig(file, format="png", dpi=DPI, metadata={"Software": "beltcomm"})
+        _laid_out(in_own_words(picture)).savefig(file, format="png", dpi=DPI, metadata={"Software": "beltcomm"})
     return path
 
 
@@ -163,7 +163,7 @@ def in_own_words(picture: Figure) -> Figure:
     return picture
 
 
-def laid_out(picture: Figure) -> Figure:
+def _laid_out(picture: Figure) -> Figure:
     """The figure with its parts in their places; matplotlib would draw it one time more to find them."""
     if (engine := picture.get_layout_engine()) is not None:
         picture.set_dpi(DPI)

@@ -58,7 +58,7 @@ class Backup:
     edited: bool = False
 
 
-def backup_of(drive: Drive, before: str) -> dict[str, Any]:
+def _backup_of(drive: Drive, before: str) -> dict[str, Any]:
     """Contents of a backup."""
     return {
         "drive": dict(drive.capabilities.identity),
@@ -71,7 +71,7 @@ def backup_of(drive: Drive, before: str) -> dict[str, Any]:
 def keep_first(folder: RunFolder, drive: Drive) -> None:
     """The backup from before the run, unless there is one: a resumed run keeps what was there before the first session."""
     if folder.load_result(FIRST) is None:
-        folder.save("results", FIRST, backup_of(drive, "the run"))
+        folder.save("results", FIRST, _backup_of(drive, "the run"))
 
 
 def take(folder: RunFolder, drive: Drive, before: str) -> Path:
@@ -84,14 +84,14 @@ def take(folder: RunFolder, drive: Drive, before: str) -> Path:
     """
     taken = set(folder.names("results"))
     name = FIRST if FIRST not in taken else next_free(f"{FIRST}_", taken)
-    return folder.save("results", name, backup_of(drive, before))
+    return folder.save("results", name, _backup_of(drive, before))
 
 
 def renew(folder: RunFolder, drive: Drive) -> None:
     """The SI values of the first backup, now that the meaning of raw ones is known; for a drive in which the same raw values stand."""
     saved = folder.load_result(FIRST)
     if saved is not None and saved.get("objects") == [item.to_dict() | _si(saved, item) for item in drive.objects() if item.place != MODE]:
-        folder.save("results", FIRST, backup_of(drive, str(saved.get("before") or "the run")))
+        folder.save("results", FIRST, _backup_of(drive, str(saved.get("before") or "the run")))
 
 
 def _si(saved: Mapping[str, Any], item: ObjectValue) -> dict[str, Any]:

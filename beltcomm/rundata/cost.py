@@ -76,7 +76,7 @@ class Cost:
         return all(abs(a - b) < max(MATTERS_M, MATTERS_SHARE * a) for a, b in values)
 
 
-def cost_of(folder: RunFolder, before: Model, after: Model) -> Cost:
+def _cost_of(folder: RunFolder, before: Model, after: Model) -> Cost:
     """Cost of what ``after`` has and ``before`` has not.
 
     Raises
@@ -118,15 +118,15 @@ def _missing_words(axis: Axis, designed: DesignResult, machine: Model, findings:
     )
 
 
-def cost_or_reason(folder: RunFolder, before: Model, after: Model) -> tuple[Cost | None, str]:
+def _cost_or_reason(folder: RunFolder, before: Model, after: Model) -> tuple[Cost | None, str]:
     """The cost, or in words why it cannot be said."""
     try:
-        return cost_of(folder, before, after), ""
+        return _cost_of(folder, before, after), ""
     except BeltcommError as problem:
         return None, str(problem)
 
 
-def cost_lines(cost: Cost | None, reason: str, name: str) -> list[str]:
+def _cost_lines(cost: Cost | None, reason: str, name: str) -> list[str]:
     """Lines on the cost for a command."""
     if cost is None:
         return [f"What {name} costs in tracking cannot be said: {reason}"]
@@ -211,8 +211,8 @@ def _errors(
 
 def cost_and_words(folder: RunFolder, before: Model, after: Model, name: str) -> tuple[dict[str, Any] | None, list[str]]:
     """Cost of an effect, for programs and for people."""
-    price, reason = cost_or_reason(folder, before, after)
-    return (None if price is None else dict(plain(price))), cost_lines(price, reason, name)
+    price, reason = _cost_or_reason(folder, before, after)
+    return (None if price is None else dict(plain(price))), _cost_lines(price, reason, name)
 
 
 def with_costs(folder: RunFolder, found: Diagnosis, made: list[Revision], whole: dict[str, Any] | None) -> list[Revision]:

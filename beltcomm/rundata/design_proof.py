@@ -233,10 +233,10 @@ def _same_fit(fit: Mapping[str, Any], model: Model) -> bool:
 def prove(grounds: Grounds, design: DesignResult, cascade: Cascade, recordings: Sequence[Recording], *, seed: int = 0) -> DesignProof:
     """The cascade of a design on every measured response, every draw, and every load that a record wants for itself."""
     excited = [r for r in recordings if r.sidecar.experiment == "frf"]
-    measured, left_out = on_responses(excited, cascade, design.structure.period_s, grounds.delay_s)
+    measured, left_out = _on_responses(excited, cascade, design.structure.period_s, grounds.delay_s)
     conditions = tuple(condition_of(r, grounds.model["transmission.ratio"]) for r in excited if r.name in {m.record for m in measured})
     spread, source = on_draws(grounds, cascade, design.structure.period_s, seed)
-    contradictions, notes = contradicting(grounds, design, cascade, excited)
+    contradictions, notes = _contradicting(grounds, design, cascade, excited)
     return DesignProof(
         measured,
         conditions,
@@ -251,7 +251,7 @@ def prove(grounds: Grounds, design: DesignResult, cascade: Cascade, recordings: 
     )
 
 
-def on_responses(
+def _on_responses(
     recordings: Sequence[Recording], cascade: Cascade, period_s: float, delay_s: float
 ) -> tuple[tuple[MeasuredMargins, ...], tuple[str, ...]]:
     """Margins on every response: from the torque setpoint where it was recorded, the delay then in it; and what could not be used."""
@@ -318,7 +318,7 @@ def _plants(grounds: Grounds, model: Model, delay_s: float) -> list[DesignPlant]
     return analyse.design_plants(model, grounds.positions_m, masses, delay_s, grounds.apparent_nm_s_rad)
 
 
-def contradicting(
+def _contradicting(
     grounds: Grounds, design: DesignResult, cascade: Cascade, recordings: Sequence[Recording]
 ) -> tuple[tuple[Contradiction, ...], tuple[str, ...]]:
     """Records whose torque the model does not explain, friction in it, and the design's margins on the load that each wants for itself."""

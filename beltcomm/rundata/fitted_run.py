@@ -78,7 +78,7 @@ def with_remarks_on_loads(folder: RunFolder, records: Checked, fitted: Fitted) -
     In a session at a drive nothing is mounted between two records.
     """
     if not any(piece.motion.mounted for piece in fitted.problem.pieces):
-        return records if folder.drive else replace(records, remarks=(*records.remarks, *clearest(fitted)))
+        return records if folder.drive else replace(records, remarks=(*records.remarks, *_clearest(fitted)))
     return replace(records, remarks=(*records.remarks, *load_remarks(records.recordings, with_intervals(fitted))))
 
 
@@ -174,7 +174,7 @@ def _unit(fitted: Fitted, name: str) -> str:
     return fitted.model.parameters[name].unit.replace("2", "²")
 
 
-def clearest(fitted: Fitted) -> list[str]:
+def _clearest(fitted: Fitted) -> list[str]:
     """Remark on the record that asks most clearly for a load of its own; at most one, for it shifts what the others show.
 
     Parameters

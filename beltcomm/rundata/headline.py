@@ -93,7 +93,7 @@ class Headline:
             "sentence": self.sentence,
             "move": self.move,
             "errors": self.errors,
-            "targets": targets_dict(self.targets),
+            "targets": _targets_dict(self.targets),
         }
 
 
@@ -114,7 +114,7 @@ class NextCommand:
     writes_gains: bool = False
 
 
-def targets_dict(targets: AxisTargets) -> dict[str, Any]:
+def _targets_dict(targets: AxisTargets) -> dict[str, Any]:
     """Targets in force, and whether anybody stated them."""
     return {
         "following_error_m": targets.following_m,
@@ -150,7 +150,7 @@ def headline_of(folder: RunFolder) -> Headline:
     changed = {n: _changed(moves[n], design.get("parameters"), model) for n in moves}
     today = [n for n in moves if not changed[n]]
     last = today[-1] if today else list(moves)[-1]
-    told, targets = moves[last], targets_of(moves[last], asked)
+    told, targets = moves[last], _targets_of(moves[last], asked)
     errors = {place: _error(told, place) for place in ("motor", "carriage")}
     if not today:
         what = tr(" and ").join(tr(one) for one in changed[last])
@@ -169,7 +169,7 @@ def headline_of(folder: RunFolder) -> Headline:
     return Headline("pass", tr("{name} is within {within}", name=name, within=_within(errors)), last, errors, targets)
 
 
-def targets_of(result: Mapping[str, Any], asked: AxisTargets) -> AxisTargets:
+def _targets_of(result: Mapping[str, Any], asked: AxisTargets) -> AxisTargets:
     """Targets that a move was judged by.
 
     Parameters

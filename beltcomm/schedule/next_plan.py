@@ -134,7 +134,7 @@ def plan_for(
     reasons: dict[str, str] = {}
     by_hand: list[str] = []
     sets = set[str]()
-    judged = {name: new_ones(steps_of(name), already) for name in SETS}
+    judged = {name: _new_ones(_steps_of(name), already) for name in SETS}
     for effect in (effect_named(name) for name in named):
         only_by_hand = families(effect)
         if only_by_hand:
@@ -143,8 +143,8 @@ def plan_for(
     for sight in blind:
         seen = f"it would be seen from {sight.hardest:.2g} x a typical one on"
         reasons[sight.effect.name] = "these data say nothing of it" if math.isinf(sight.hardest) else seen
-        sets.update(records_showing(sight.effect))
-        if not any(judged[name][0] for name in records_showing(sight.effect)):
+        sets.update(_records_showing(sight.effect))
+        if not any(judged[name][0] for name in _records_showing(sight.effect)):
             by_hand.append(f"{sight.effect.name}: such records are here already; it shows only beyond the limits in axis.yaml")
     if not belt:
         hand = tuple(text for text in by_hand if "axis.yaml" not in text)
@@ -159,14 +159,14 @@ def plan_apart(twins: Sequence[str], already: Callable[[Step], str]) -> NextPlan
     between = discriminating_experiment(first, other)
     reasons = {name: f"these data cannot tell it from {', '.join(n for n in twins if n != name)}: {between.shows}" for name in twins}
     records = enumerate(between.records, start=1)
-    steps, left_out = new_ones([checked_step(entry, f"{first} and {other}, record {number}") for number, entry in records], already)
+    steps, left_out = _new_ones([checked_step(entry, f"{first} and {other}, record {number}") for number, entry in records], already)
     by_hand = hands_of({other: between})
     if not by_hand and not steps:
         by_hand = [separate for name in twins if (separate := effect_named(name).separate)]
     return NextPlan(reasons, tuple(dict.fromkeys(by_hand)), tuple(steps), tuple(left_out))
 
 
-def new_ones(steps: Sequence[Step], already: Callable[[Step], str]) -> tuple[list[Step], list[str]]:
+def _new_ones(steps: Sequence[Step], already: Callable[[Step], str]) -> tuple[list[Step], list[str]]:
     """The steps that a run has not, and of the others which record shows as much.   A held-out one alone would have nothing to judge."""
     found = {step: already(step) for step in steps}
     new = [step for step in steps if not found[step]]
@@ -201,12 +201,12 @@ def by_hand_of(name: str) -> list[dict[str, Any]]:
     return [{"effect": name, "cause": cause, **plain(hand)} for cause, apart in causes.items() for hand in apart.hands]
 
 
-def records_showing(effect: Effect) -> tuple[str, ...]:
+def _records_showing(effect: Effect) -> tuple[str, ...]:
     """Sets of records that show an effect."""
     return effect.record_sets or BY_SLOT.get(effect.slot, ("places", "sweep"))
 
 
-def steps_of(name: str) -> list[Step]:
+def _steps_of(name: str) -> list[Step]:
     """The records of a set."""
     if name in ("sweep", "sweep again"):
         return [Step("sweep", again=name == "sweep again")]

@@ -112,7 +112,7 @@ def speeds_of(order: str, often: int) -> tuple[float, ...]:
     return tuple(v for v in up for _ in range(often if order == "IV" else 1))
 
 
-def stroke_at(speed_m_s: float, room_m: float, limits: TrajectoryLimits, axis: Axis) -> Stroke | None:
+def _stroke_at(speed_m_s: float, room_m: float, limits: TrajectoryLimits, axis: Axis) -> Stroke | None:
     """The stroke at a speed; None where the way does not even hold the shortest plateau.
 
     A plateau holds whole turns of the pulley where one fits into the way and lasts no longer than ``TURN_S``, so that its runout is
@@ -151,7 +151,7 @@ def strokes_for(
     Refused
         Where there is none for any two.
     """
-    found = [stroke_at(v, room_m, limits, axis) for v in speeds_m_s]
+    found = [_stroke_at(v, room_m, limits, axis) for v in speeds_m_s]
     left_out = tuple(sorted({v for v, s in zip(speeds_m_s, found, strict=True) if s is None}))
     strokes = tuple(s for s in found if s is not None)
     if len({s.speed_m_s for s in strokes}) < 2:

@@ -97,11 +97,11 @@ def _pair(value: Value, factor: float) -> str:
 
 def _slow(sweep: Sweep) -> str:
     """Mean torque of the slow speeds above the law, mN m, with the 95 % interval of that mean."""
-    left = slow_above(sweep)
+    left = _slow_above(sweep)
     return "" if left is None else f"{1e3 * left[0]:+.1f} ± {1e3 * left[1]:.1f} mN m"
 
 
-def slow_above(sweep: Sweep) -> tuple[float, float] | None:
+def _slow_above(sweep: Sweep) -> tuple[float, float] | None:
     """Mean and half 95 % interval of what the passes that were not fitted need above the law, N m; None with fewer than four."""
     if sweep.fit is None:
         return None

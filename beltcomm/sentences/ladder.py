@@ -170,7 +170,7 @@ def sight_lines(sights: Sequence[DetectionLimit], run: Path, unnamed: Collection
         return [f"Every {'other ' if unnamed else ''}effect of the catalogue, of typical size, would have been seen in these data."]
     lines = ["Could not have been seen here at its typical size:"]
     for sight in blind:
-        if math.isinf(sight.hardest) or beyond_bounds(sight):
+        if math.isinf(sight.hardest) or _beyond_bounds(sight):
             lines.append(f"  {sight.effect.name:24} these data say nothing of it")
             continue
         size = f" ({with_unit(f'{sight.parameter} {sight.hardest * sight.size:.2g}', sight.unit)})" if sight.unit else ""
@@ -186,7 +186,7 @@ def blind_words(sights: Sequence[DetectionLimit], unnamed: Collection[str]) -> l
     return [tr("not seen by these records (--next plans some that would): {names}", names=", ".join(blind))] if blind else []
 
 
-def beyond_bounds(sight: DetectionLimit) -> bool:
+def _beyond_bounds(sight: DetectionLimit) -> bool:
     """True if an effect that could be seen would be larger than any."""
     highs = [p.high for p in sight.effect.parameters if p.name == sight.parameter]
     return bool(highs) and sight.hardest * sight.size > highs[0]
@@ -194,7 +194,7 @@ def beyond_bounds(sight: DetectionLimit) -> bool:
 
 def effect_lines(effect: Effect, model: Model) -> list[str]:
     """Effect, its numbers, causes and what to check."""
-    lines = [f"{effect.name}: {effect.title}.", *(f"  {line}" for line in number_lines(effect, model)), *body_lines(effect, model)]
+    lines = [f"{effect.name}: {effect.title}.", *(f"  {line}" for line in number_lines(effect, model)), *_body_lines(effect, model)]
     if effect.causes:
         lines.append(f"  Usual causes: {effect.causes}.")
     lines.append(f"  Check: {effect.check}.")
@@ -202,13 +202,13 @@ def effect_lines(effect: Effect, model: Model) -> list[str]:
         lines.append(
             f"  Looks alike: {', '.join(effect.twins)}" + (f"; to tell them apart: {effect.separate}." if effect.separate else ".")
         )
-    lines += family_lines(effect, model)
+    lines += _family_lines(effect, model)
     return lines
 
 
 def number_lines(effect: Effect, model: Model) -> list[str]:
     """Its parameters with their intervals."""
-    lines, elsewhere = [], body_lines(effect, model)
+    lines, elsewhere = [], _body_lines(effect, model)
     for name, parameter in effect_parameters(effect).items():
         item = model.parameters[name]
         if parameter.form and item.low == item.high:
@@ -225,7 +225,7 @@ def number_lines(effect: Effect, model: Model) -> list[str]:
     return lines
 
 
-def body_lines(effect: Effect, model: Model) -> list[str]:
+def _body_lines(effect: Effect, model: Model) -> list[str]:
     """That an effect acts on the carriage, where the part of it that does is in the model, and what is left of it at the motor."""
     behind = [name for name in effect.completed_by if name in model.effects and effect_named(name).body == "cart"]
     own = model.parameters[effect.full_names()[0]] if behind else None
@@ -233,7 +233,7 @@ def body_lines(effect: Effect, model: Model) -> list[str]:
     return [f"  It acts on the carriage{' and at the motor' if left else ', nothing of it is seen at the motor'}: {n}." for n in behind]
 
 
-def family_lines(effect: Effect, model: Model) -> list[str]:
+def _family_lines(effect: Effect, model: Model) -> list[str]:
     """Checks that tell the causes apart that an effect stands for, where no motion does; as which tilt a constant torque would be."""
     causes = families(effect)
     if not causes:
@@ -339,13 +339,13 @@ def ladder_lines(rungs: Sequence[Revision], changed: Sequence[str]) -> list[str]
     """``beltcomm ladder``: the staircase, and where its steps come from."""
     lines: list[str] = [*staircase(rungs), "", "Where they come from:"]
     for rung in rungs:
-        lines += provenance_lines(rung)
+        lines += _provenance_lines(rung)
     if changed:
         lines.append(f"Since the last revision these recordings changed: {', '.join(changed)}.")
     return lines
 
 
-def provenance_lines(rung: Revision) -> list[str]:
+def _provenance_lines(rung: Revision) -> list[str]:
     """Date, data and command of a revision; what not knowing its effects costs."""
     number = f"{len(rung.data)} recording{'' if len(rung.data) == 1 else 's'}"
     lines = [f"  {rung.name}  {', '.join(filter(None, [rung.when, f'{number}, data {rung.data_hash}']))}"]

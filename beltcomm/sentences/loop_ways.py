@@ -82,7 +82,7 @@ def shown(recording: Recording, way: Way, model: Model) -> LoopReading:
     note = recording.sidecar.excitation
     resonance = antiresonance = mass = stiffness = damping = None
     remarks = list(response.remarks)
-    highest = reaches_hz(response)
+    highest = _reaches_hz(response)
     try:
         fit = analyse.thesis_fit(response.lines(response.freq_hz <= highest), model)
         resonance, antiresonance, mass, stiffness = _numbers(fit)
@@ -100,7 +100,7 @@ def shown(recording: Recording, way: Way, model: Model) -> LoopReading:
     return LoopReading(recording.name, way, speed, response, *fitted, damping, share, highest, tuple(remarks))
 
 
-def reaches_hz(response: FrequencyResponse) -> float:
+def _reaches_hz(response: FrequencyResponse) -> float:
     """Frequency up to which, from the bottom on, most lines of every band stand above their noise, Hz."""
     clear = response.noise < LARGEST_NOISE * np.abs(response.h)
     bands = [slice(i, i + BAND_LINES) for i in range(0, len(clear), BAND_LINES)]
@@ -196,14 +196,14 @@ def lines(recording: Recording, ways: Sequence[LoopReading], slowest: float) -> 
     ]
     shown = table(["way", "record", ">resonance", ">antiresonance", ">damping, rigid axis", ">noise", ">up to"], rows)
     form = [FORM] if any(s.resonance is not None for s in ways) else []
-    return [*shown, *form, *friction_words(recording, ways, slowest), *bias_words(recording, ways)]
+    return [*shown, *form, *_friction_words(recording, ways, slowest), *_bias_words(recording, ways)]
 
 
 def _cell(item: Characteristic | None, unit: str, factor: float) -> str:
     return "cannot tell" if item is None or not math.isfinite(item.interval) else number(factor * item.value, factor * item.interval, unit)
 
 
-def friction_words(recording: Recording, ways: Sequence[LoopReading], slowest: float) -> list[str]:
+def _friction_words(recording: Recording, ways: Sequence[LoopReading], slowest: float) -> list[str]:
     """Effect of friction on the record, with numbers."""
     own = next(s for s in ways if s.record == recording.name)
     standing = next((s for s in ways if not s.speed_m_s and s.record != recording.name and s.damping is not None), None)
@@ -227,7 +227,7 @@ def friction_words(recording: Recording, ways: Sequence[LoopReading], slowest: f
     return said
 
 
-def bias_words(recording: Recording, ways: Sequence[LoopReading]) -> list[str]:
+def _bias_words(recording: Recording, ways: Sequence[LoopReading]) -> list[str]:
     """The indirect reading against the direct one of the same record, and what a controller not exactly known would do (3.4)."""
     bias = bias_by(recording, ways)
     if bias is None:

@@ -31,7 +31,7 @@ def save(folder: RunFolder, findings: Findings) -> None:
     model = findings.final.fit.model if findings.final is not None else None
     if findings.final is not None:
         folder.save("models", "final", findings.final.fit.model.to_dict())
-        folder.save("results", "fit", {**fit_dict(findings.final, findings), RECORDS: folder.finished_names(), NOTED: findings.remarks})
+        folder.save("results", "fit", {**_fit_dict(findings.final, findings), RECORDS: folder.finished_names(), NOTED: findings.remarks})
         keep_fit(folder, findings.final.fit.data, findings.final.fit.fitted, findings.final.fit.model)
     if findings.friction is not None:
         folder.save("results", "friction", plain(findings.friction))
@@ -46,7 +46,7 @@ def save(folder: RunFolder, findings: Findings) -> None:
         folder.save("results", f"verify_{findings.move_name}", verdict)
 
 
-def fit_dict(final: FinalModel, findings: Findings) -> dict[str, Any]:
+def _fit_dict(final: FinalModel, findings: Findings) -> dict[str, Any]:
     """``results/fit.yaml``: the fit, what it was compared with, and what follows from it."""
     return {
         **fit_to_dict(final.fit),
@@ -80,7 +80,7 @@ def data(folder: RunFolder, findings: Findings) -> dict[str, Any]:
         found["gravity"] = findings.holding.to_dict()
     if findings.final is not None:
         found["model"] = findings.final.fit.model.to_dict()
-        found["fit"] = fit_dict(findings.final, findings)
+        found["fit"] = _fit_dict(findings.final, findings)
     if findings.friction is not None:
         found["friction"] = findings.friction
     if findings.standstill is not None:
@@ -119,7 +119,7 @@ def model_text(findings: Findings, *, error: float | None = None, compared: bool
     return lines + (words.thesis_lines(findings.thesis) if compared else [])
 
 
-def gravity_text(folder: RunFolder, findings: Findings) -> list[str]:
+def _gravity_text(folder: RunFolder, findings: Findings) -> list[str]:
     """The torque that holds a tilted axis, by all ways, and whether mass and tilt say the same; nothing of a level one."""
     if findings.holding is None:
         return []
@@ -143,7 +143,7 @@ def model_screen(folder: RunFolder, findings: Findings) -> list[Line]:
 
 def identify_text(folder: RunFolder, findings: Findings, drive: str, place_known: bool) -> tuple[list[str], list[str]]:
     """The first model on a screen, with what to do next; and everything behind it."""
-    details = [*model_text(findings), *gravity_text(folder, findings), *words.remarks_lines(findings.remarks)]
+    details = [*model_text(findings), *_gravity_text(folder, findings), *words.remarks_lines(findings.remarks)]
     name = folder.axis.name or tr("the axis")
     shown = [
         Line(""),
@@ -237,7 +237,7 @@ def commission_text(folder: RunFolder, findings: Findings, ended: ReportWords | 
         *(words.verdict_lines(findings.verdict, findings.demand) if findings.verdict else []),
         *model_text(findings, error=error, compared=False),
         *(f"  {doubt}" for doubt in (ended.doubts if ended is not None else ())),
-        *gravity_text(folder, findings),
+        *_gravity_text(folder, findings),
         *(words.design_lines(findings.design, findings.cascade) if findings.design and findings.cascade else []),
         *typed,
         *(words.friction_lines(findings.friction) if findings.friction else []),

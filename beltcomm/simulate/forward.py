@@ -134,7 +134,7 @@ def _simulate(
     torque = np.ascontiguousarray(torque_nm, dtype=np.float64)
     if torque.ndim != 1 or not np.all(np.isfinite(torque)):
         raise UsageError(f"the torque must be one row of finite numbers, not an array of shape {torque.shape}")
-    check_period(model, position_m, sample_period_s, substeps)
+    _check_period(model, position_m, sample_period_s, substeps)
     rate = 0.0 if motion is _solve_exactly else check_step(model, position_m, sample_period_s, substeps)
     start = state or at_rest(model, position_m)
     if is_late(model) and motion is not _nystrom:
@@ -208,7 +208,7 @@ def at_rest(model: Model, position_m: float) -> BodyStates:
     return BodyStates(np.concatenate([positions, unloaded]), np.zeros_like(positions))
 
 
-def check_period(model: Model, position_m: float, duration_s: float, substeps: int) -> None:
+def _check_period(model: Model, position_m: float, duration_s: float, substeps: int) -> None:
     """Raise UsageError for a period, a number of steps or a place that means nothing."""
     if not (duration_s > 0.0 and substeps >= 1):
         raise UsageError(f"simulation needs a period above 0 s and at least one sub-step, not {duration_s:g} s and {substeps}")
@@ -218,7 +218,7 @@ def check_period(model: Model, position_m: float, duration_s: float, substeps: i
 
 def check_step(model: Model, position_m: float, duration_s: float, substeps: int) -> float:
     """Rate of the model's fastest motion there, 1/s; UsageError unless ``substeps`` integration steps in ``duration_s`` resolve it."""
-    check_period(model, position_m, duration_s, substeps)
+    _check_period(model, position_m, duration_s, substeps)
     rate = fastest_rate(model, operating_point(model, position_m))
     needed = duration_s * rate / LARGEST_STEP
     if substeps < needed:

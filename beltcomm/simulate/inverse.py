@@ -169,10 +169,10 @@ def _cells(torque: Array, per_sample: int, within: Intersample | None) -> Array:
 
 def begins_in_motion(motion: FineMotion) -> bool:
     """True if the kernel lets all bodies begin at the motor's speed; else they begin at rest."""
-    return first_speed(motion) != 0.0
+    return _first_speed(motion) != 0.0
 
 
-def first_speed(motion: FineMotion) -> float:
+def _first_speed(motion: FineMotion) -> float:
     """Speed of the motor at which the kernel lets all bodies begin, rad/s."""
     if len(motion.theta) < 3:
         return 0.0
@@ -285,7 +285,7 @@ def belt_loads(model: Model, motion: FineMotion, vectors: Sequence[Array], offse
         by_name = dict(zip(model.parameters, np.array(vectors).T, strict=True))
         values = lane_values(len(vectors), lambda name: by_name.get(name, 0.0), np.asarray(offsets_m))
         ratio = float(by_name["transmission.ratio"][0])
-        return belt_loads_in_lanes(motion.theta, motion.omega, h, motion.substeps, ratio, first_speed(motion), values)
+        return belt_loads_in_lanes(motion.theta, motion.omega, h, motion.substeps, ratio, _first_speed(motion), values)
     means = np.empty((len(vectors), motion.samples))
     load, cart = _SCRATCH.rows(len(motion.theta))
     for mean, vector, offset in zip(means, vectors, offsets_m, strict=True):
@@ -335,7 +335,7 @@ def lock_step_groups(group: Sequence[int], lengths: Sequence[int]) -> list[list[
 
 
 def _lane(motion: FineMotion, p: Array, watch: ObserverState) -> Lane:
-    return Lane(motion.theta, motion.omega, first_speed(motion), motion.time_s, motion.bristle_m, p, watch)
+    return Lane(motion.theta, motion.omega, _first_speed(motion), motion.time_s, motion.bristle_m, p, watch)
 
 
 def linear_innovations(model: Model, motion: FineMotion, vectors: Sequence[Array], watch: ObserverState) -> Array:
