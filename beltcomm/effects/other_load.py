@@ -18,7 +18,20 @@ def mass_in_record(own: float, stated: float) -> float:
 
 
 def other_load(number: int, *, at_motor: bool = False) -> Effect:
-    """The load of a number, from 1, as the mass of the carriage; of an axis that knows no carriage, as the inertia of all that turns."""
+    """The load of a number, from 1, as the mass of the carriage; of an axis that knows no carriage, as the inertia of all that turns.
+
+    Parameters
+    ----------
+    number : int
+        From 1; the order of the records' loads.
+    at_motor : bool
+        True for an axis whose model has no carriage.
+
+    Returns
+    -------
+    Effect
+        With one parameter: a mass, kg at the carriage, or an inertia, kg m² at the motor.
+    """
     name = ("other_inertia" if at_motor else "other_load") + (f"_{number}" if number > 1 else "")
     which = f"in records with the {_ORDINAL[number - 1]} load"
     title = "all that turns" if at_motor else "carriage with payload"

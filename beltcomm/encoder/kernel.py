@@ -163,7 +163,13 @@ def _resynchronise(registers: IntArray, level_a: int, level_b: int) -> None:
 
 @compiled
 def close_period(registers: IntArray) -> None:
-    """Begin a new sampling period, after all edges up to its instant were taken and the estimators have read the old one."""
+    """Begin a new sampling period, after all edges up to its instant were taken and the estimators have read the old one.
+
+    Parameters
+    ----------
+    registers : ndarray of int
+        Of all estimators, two halves; changed in place.
+    """
     for half in (0, _SIZE):
         registers[half + INCREMENTS] = registers[half + FIRST_TICK] = registers[half + STEPS] = 0
 

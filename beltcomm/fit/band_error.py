@@ -96,6 +96,11 @@ def shared_band(*seen: tuple[Data, Model]) -> float:
     """Edge of the band in which several models are held against each other, Hz: the narrowest of theirs.
 
     One whose inertia has gone to nothing would let the rounding of the others count as their error.
+
+    Parameters
+    ----------
+    *seen : tuple of Data and Model
+        Records, and the model fitted to them.
     """
     return min(band_of(data, model) for data, model in seen)
 
