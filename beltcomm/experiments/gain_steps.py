@@ -58,7 +58,15 @@ def line(axis: Axis, capabilities: Capabilities) -> tuple[Experiment, ...]:
 
 
 def experiment(axis: Axis, capabilities: Capabilities) -> Experiment:
-    """The plan's line."""
+    """Line of the plan for the steps that tell what the drive's gains mean.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    capabilities : Capabilities
+        Of the drive.
+    """
     torque = WATCHED * TORQUE_SHARE * min(axis.torque_limit_nm, capabilities.peak_torque_nm)
     force = min(torque / axis.transmission_m_rad, axis.belt_force_limit_n)
     return Experiment("small steps: what its gains mean", TRAVEL_M, REACH_M, SPEED_M_S, torque, force, SECONDS)

@@ -65,8 +65,22 @@ def _planned_torque_nm(machine: Watched, model: Model, torque_nm: Array) -> floa
 
 
 def lent_torque_nm(machine: Watched, model: Model, torque_nm: Array) -> float:
-    """Torque beyond which a drive with a known loop does not go while it makes a motion, N m: its limit 6072h is lent for that, where it
-    takes one.   torque_nm : as of :func:`_planned_torque_nm`."""
+    """Torque beyond which a drive with a known loop does not go while it makes a motion: its limit 6072h is lent for that.
+
+    Parameters
+    ----------
+    machine : Watched
+        The axis behind its drive.
+    model : Model
+        For which a stop out of the motion is predicted.
+    torque_nm : ndarray (n,), N m, motor shaft
+        As of :func:`_planned_torque_nm`.
+
+    Returns
+    -------
+    float, N m
+        Motor shaft; the drive's peak torque where it takes no limit.
+    """
     own = machine.drive.capabilities
     limit = own.parameters.get(LIMIT_NAMES[0])
     if limit is None or limit.index in own.not_taken:
@@ -95,7 +109,15 @@ class Foreseen:
 
 
 def within(envelope: Envelope, found: Foreseen) -> Envelope:
-    """The envelope with the torque that was foreseen."""
+    """The envelope with the torque that was foreseen, where that is lower.
+
+    Parameters
+    ----------
+    envelope : Envelope
+        Before.
+    found : Foreseen
+        As :func:`foreseen` returned it.
+    """
     return replace(envelope, torque_nm=min(envelope.torque_nm, found.torque_nm))
 
 
@@ -105,6 +127,18 @@ def foreseen(machine: Watched, motion: Motion) -> Foreseen:
     As soon as there is a model to predict the motion with (a rigid axis where the loop is unknown), swings around the resonance are
     watched, and the drive gets a torque limit of ``OVER_PLAN`` times what the motion or a stop out of it takes: a loop that swings does
     so during its quick stop as well.
+
+    Parameters
+    ----------
+    machine : Watched
+        The axis behind its drive.
+    motion : Motion
+        That the drive will make.
+
+    Returns
+    -------
+    Foreseen
+        Watch of its rows and largest torque, N m at the motor shaft.
     """
     if motion.kind == "torque":
         return Foreseen(unwatched)

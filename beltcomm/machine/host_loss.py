@@ -201,6 +201,17 @@ class RunOnWatch:
 
 
 def guard_times_s(capabilities: Capabilities) -> tuple[float, ...]:
-    """Guard times that drive and bus allow, longest first; the shortest one always."""
+    """Guard times that drive and bus allow, longest first; the shortest one always.
+
+    Parameters
+    ----------
+    capabilities : Capabilities
+        Of the drive.
+
+    Returns
+    -------
+    tuple of float, s
+        At least one.
+    """
     shortest = capabilities.shortest_guard_s or GUARD_S
     return (*(time for time in GUARD_TIMES_S if time > shortest), shortest)

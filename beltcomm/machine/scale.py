@@ -302,7 +302,17 @@ def ruler(axis: Axis, crept_m: float, measured_m: float) -> Result:
 
 
 def ruler_line(drive: str, axis: Axis, crept_m: float) -> str:
-    """After a creep: how to check it with a ruler."""
+    """Line behind a creep that says how to check it with a ruler.
+
+    Parameters
+    ----------
+    drive : str
+        As for ``--drive``.
+    axis : Axis
+        With its transmission.
+    crept_m : float, m
+        Way of the carriage by the encoder.
+    """
     turn = 1e3 * math.tau * axis.transmission_m_rad
     return (
         f"That is by the encoder and {turn:.4g} mm per turn of the motor, as axis.yaml says. With a ruler: "

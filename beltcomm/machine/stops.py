@@ -129,7 +129,17 @@ def count_on_loop(machine: Machine, family: Sequence[Model], cascade: Cascade, d
 
 
 def lend_brake(machine: Machine, model: Model, position_m: float) -> None:
-    """A cautious loop for the next open-loop record, which only a quick stop closes; a drive without gains keeps to friction."""
+    """A cautious loop for the next open-loop record, which only a quick stop closes; a drive without gains keeps to friction.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        For which the loop is designed.
+    position_m : float, m
+        Carriage on the axis.
+    """
     if not set(VELOCITY_GAINS) <= set(machine.drive.backup()):
         return
     structure = machine.drive.capabilities.structure

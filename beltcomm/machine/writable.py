@@ -141,8 +141,18 @@ def _most_of(capabilities: Capabilities, folder: RunFolder) -> dict[str, tuple[f
 
 
 def begun_with(folder: RunFolder) -> tuple[Mapping[str, Any], str]:
-    """The ratings that the drive had when the run began; and in words why nothing is known of it: values must come back from a run
-    whose ``results/drive.yaml`` is damaged, too."""
+    """Ratings that the drive had when the run began, by name, and in words why nothing is known of it.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+
+    Returns
+    -------
+    tuple of mapping of str to Any and str
+        Empty where nothing is known: values must come back from a run whose ``results/drive.yaml`` is damaged, too.
+    """
     try:
         noted = folder.load_result("drive") or {}
     except DataError as error:
@@ -151,6 +161,12 @@ def begun_with(folder: RunFolder) -> tuple[Mapping[str, Any], str]:
 
 
 def titles(found: Iterable[str]) -> str:
-    """Objects in words, the first few by name."""
+    """Objects in words, the first few by name.
+
+    Parameters
+    ----------
+    found : iterable of str
+        Titles of objects, any of them more than once.
+    """
     named = list(dict.fromkeys(found))
     return ", ".join(named[:LISTED]) + (f" and {len(named) - LISTED} more" if len(named) > LISTED else "")

@@ -69,7 +69,15 @@ def _backup_of(drive: Drive, before: str) -> dict[str, Any]:
 
 
 def keep_first(folder: RunFolder, drive: Drive) -> None:
-    """The backup from before the run, unless there is one: a resumed run keeps what was there before the first session."""
+    """Keep the backup from before the run, unless there is one: a resumed run keeps what was there before the first session.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    drive : Drive
+        Connected.
+    """
     if folder.load_result(FIRST) is None:
         folder.save("results", FIRST, _backup_of(drive, "the run"))
 
@@ -88,7 +96,15 @@ def take(folder: RunFolder, drive: Drive, before: str) -> Path:
 
 
 def renew(folder: RunFolder, drive: Drive) -> None:
-    """The SI values of the first backup, now that the meaning of raw ones is known; for a drive in which the same raw values stand."""
+    """Renew the SI values of the first backup, now that the meaning of raw ones is known; for a drive in which the same raw values stand.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    drive : Drive
+        Connected.
+    """
     saved = folder.load_result(FIRST)
     if saved is not None and saved.get("objects") == [item.to_dict() | _si(saved, item) for item in drive.objects() if item.place != MODE]:
         folder.save("results", FIRST, _backup_of(drive, str(saved.get("before") or "the run")))
@@ -101,7 +117,18 @@ def _si(saved: Mapping[str, Any], item: ObjectValue) -> dict[str, Any]:
 
 
 def list_backups(folder: RunFolder) -> list[Backup]:
-    """Every backup of a run, the oldest first; unreadable ones raise DataError."""
+    """Every backup of a run, the oldest first.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+
+    Raises
+    ------
+    DataError
+        For an unreadable one.
+    """
     names = [name for name in folder.names("results") if name == FIRST or name.removeprefix(f"{FIRST}_").isdigit()]
     return [read(folder.file("results", name)) for name in names]
 
@@ -149,7 +176,20 @@ def read(path: Path) -> Backup:
 
 
 def same_drive(backup: Backup, drive: Drive) -> None:
-    """Raise UsageError for the backup of another drive."""
+    """Refuse the backup of another drive.
+
+    Parameters
+    ----------
+    backup : Backup
+        Of any run.
+    drive : Drive
+        Connected; what either of the two does not tell is not compared.
+
+    Raises
+    ------
+    UsageError
+        With what differs.
+    """
     here = drive.capabilities.identity
     apart = [
         f"{key} {backup.drive.get(key)} -> {here.get(key)}"
@@ -182,6 +222,12 @@ def values_to_restore(backup: Backup, drive: Drive) -> list[ObjectValue]:
 
 
 def list_lines(backups: Sequence[Backup]) -> list[str]:
-    """All backups of a run as a table."""
+    """All backups of a run as a table.
+
+    Parameters
+    ----------
+    backups : sequence of Backup
+        Of the run.
+    """
     rows = [[one.name, one.when, one.before, f"{len(one.objects) or len(one.parameters)}"] for one in backups]
     return [*table(["name", "date (UTC)", "taken before", ">objects"], rows, "  ")] if backups else ["  none"]

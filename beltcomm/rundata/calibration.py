@@ -118,7 +118,18 @@ def recall(drive: Drive, folder: RunFolder) -> None:
 
 
 def unsure(folder: RunFolder) -> float:
-    """Largest relative half interval of the units that a run has measured; 0 where it has measured none.   Raises DataError."""
+    """Largest relative half interval of the units that a run has measured; 0 where it has measured none.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+
+    Raises
+    ------
+    DataError
+        For a damaged result.
+    """
     data = folder.load_result(RESULT)
     if data is None:
         return 0.0
@@ -144,7 +155,18 @@ def calibration_of(kind: str) -> Calibration | None:
 
 
 def keep_for_kind(found: Calibration) -> str:
-    """Keep the constants for the next drive of this kind; returns what became of it, in words."""
+    """Keep the constants for the next drive of this kind; returns what became of it, in words.
+
+    Parameters
+    ----------
+    found : Calibration
+        Constants of this drive.
+
+    Returns
+    -------
+    str
+        In words, what became of it.
+    """
     path = store_of(found.kind)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -171,7 +171,18 @@ def offline_move(axis: Axis, model: Model, period_s: float) -> Trajectory:
 
 
 def cost_rows(cost: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    """A cost as a revision keeps it: what, error without the effect, its range, error with it, its range, mm; no range: ""."""
+    """A cost as a revision keeps it: what, error without the effect, its range, error with it, its range, mm; no range: "".
+
+    Parameters
+    ----------
+    cost : mapping of str to Any, m
+        As :func:`cost_and_words` made it.
+
+    Returns
+    -------
+    list of tuple of str
+        Following and settled error at motor and carriage.
+    """
     rows: list[tuple[str, ...]] = []
     for place, end in (("motor", ""), ("carriage", "_cart")):
         for kind in ("dynamic_m", "static_m"):
@@ -210,7 +221,24 @@ def _errors(
 
 
 def cost_and_words(folder: RunFolder, before: Model, after: Model, name: str) -> tuple[dict[str, Any] | None, list[str]]:
-    """Cost of an effect, for programs and for people."""
+    """Cost of not knowing an effect, for programs and for people.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    before : Model
+        Model without the effect.
+    after : Model
+        Model with it.
+    name : str
+        Of the effect.
+
+    Returns
+    -------
+    tuple of dict of str to Any or None and list of str
+        None, and the reason as a line, where it is not computed.
+    """
     price, reason = _cost_or_reason(folder, before, after)
     return (None if price is None else dict(plain(price))), _cost_lines(price, reason, name)
 

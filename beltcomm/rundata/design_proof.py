@@ -231,7 +231,26 @@ def _same_fit(fit: Mapping[str, Any], model: Model) -> bool:
 
 
 def prove(grounds: Grounds, design: DesignResult, cascade: Cascade, recordings: Sequence[Recording], *, seed: int = 0) -> DesignProof:
-    """The cascade of a design on every measured response, every draw, and every load that a record wants for itself."""
+    """The cascade of a design on every measured response, every draw, and every load that a record wants for itself.
+
+    Parameters
+    ----------
+    grounds : Grounds
+        Model, delay and spread that the design rests on.
+    design : DesignResult
+        Result with its specification.
+    cascade : Cascade
+        That was designed.
+    recordings : sequence of Recording
+        Of the run; excited ones are taken.
+    seed : int
+        Of the draws.
+
+    Returns
+    -------
+    DesignProof
+        Margins in deg and dB, with doubts in words.
+    """
     excited = [r for r in recordings if r.sidecar.experiment == "frf"]
     measured, left_out = _on_responses(excited, cascade, design.structure.period_s, grounds.delay_s)
     conditions = tuple(condition_of(r, grounds.model["transmission.ratio"]) for r in excited if r.name in {m.record for m in measured})
@@ -273,7 +292,20 @@ def _on_responses(
 
 
 def plant_responses(recordings: Sequence[Recording], delay_s: float) -> list[tuple[str, FrequencyResponse, float]]:
-    """Name, response and the delay that is not in it, s: from the torque setpoint where it was recorded, else from the acting torque."""
+    """Name, response and the delay that is not in it, s: from the torque setpoint where it was recorded, else from the acting torque.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Excited.
+    delay_s : float, s
+        From torque setpoint to acting torque.
+
+    Returns
+    -------
+    list of tuple of str, FrequencyResponse and float
+        rad/(N m) at the motor shaft, by record.
+    """
     by_torque, by_setpoint = analyse.responses(recordings), analyse.responses(recordings, setpoint=True)
     return [(name, by_setpoint.get(name, response), 0.0 if name in by_setpoint else delay_s) for name, response in by_torque.items()]
 

@@ -128,7 +128,20 @@ def _targets_dict(targets: AxisTargets) -> dict[str, Any]:
 
 
 def hashes_of(gains: Mapping[str, float] | Cascade, model: Model | None) -> dict[str, str]:
-    """Short hashes of gains and model, to three digits: what a later computation of the same leaves as it is."""
+    """Short hashes of gains and model, to three digits: what a later computation of the same leaves as it is.
+
+    Parameters
+    ----------
+    gains : mapping of str to float or Cascade, SI
+        Of the controller.
+    model : Model or None
+        None counts as one without effects.
+
+    Returns
+    -------
+    dict of str to str
+        By "gains" and "model".
+    """
     values = cascade_to_parameters(gains) if isinstance(gains, Cascade) else gains
     told = {} if model is None else {name: item.value for name, item in model.parameters.items()}
     effects = [] if model is None else list(model.effects)
@@ -136,7 +149,18 @@ def hashes_of(gains: Mapping[str, float] | Cascade, model: Model | None) -> dict
 
 
 def headline_of(folder: RunFolder) -> Headline:
-    """By the last move that was driven with today's gains on today's model; without one, the last of all is out of date."""
+    """First sentence on a run, by the last move that was driven with today's gains on today's model.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+
+    Returns
+    -------
+    Headline
+        Out of date where there is no such move.
+    """
     name = (folder.axis.name if folder.has_axis else "") or "the axis"
     asked = folder.axis.targets if folder.has_axis else NO_TARGETS
     moves = {n: folder.load("results", n) for n in folder.names("results") if n.startswith("verify_")}
@@ -227,7 +251,18 @@ def next_command(folder: RunFolder, headline: Headline, drive: str = "", *, appl
 
 
 def behind(folder: RunFolder) -> list[str]:
-    """In sentences, what should be made anew before the run's design is driven."""
+    """Sentences on what should be made anew before the run's design is driven.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+
+    Returns
+    -------
+    list of str
+        Empty where nothing is behind.
+    """
     found, again = [], tr("`beltcomm design {run}` makes it anew", run=pasted(folder.path))
     if (names := unfitted(folder)) and current_revision(folder) is None:
         found.append(tr("The run's model was not fitted to {names}, recorded since; {again}.", names=", ".join(names), again=again))
@@ -241,12 +276,34 @@ def _outdated(design: Mapping[str, Any], model: Model | None) -> bool:
 
 
 def drive_of(folder: RunFolder) -> str:
-    """Name of a run's drive; DRIVE where it does not tell."""
+    """Name of a run's drive; DRIVE where it does not tell.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+
+    Returns
+    -------
+    str
+        As for ``--drive``.
+    """
     return drive_called(folder) or Reached("DRIVE")
 
 
 def drive_called(folder: RunFolder) -> Reached | None:
-    """Name of a run's drive with the options that it was reached by; None where it does not tell."""
+    """Name of a run's drive with the options that it was reached by; None where it does not tell.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+
+    Returns
+    -------
+    Reached or None
+        As for ``--drive``.
+    """
     drive = folder.load_result("drive") or {}
     if not drive.get("reached_as"):
         return None

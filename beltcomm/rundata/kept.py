@@ -209,7 +209,20 @@ def _hashes_of_fitted(folder: RunFolder, recordings: Sequence[Recording]) -> dic
 
 
 def hashes(folder: RunFolder, names: Collection[str] | None = None) -> dict[str, str]:
-    """SHA-256 of every file of every complete recording, or of some of them."""
+    """SHA-256 of every file of every complete recording, or of some of them.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    names : collection of str or None
+        Of recordings; None for all.
+
+    Returns
+    -------
+    dict of str to str
+        By file name.
+    """
     stems = set(folder.finished_names()) if names is None else set(names)
     files = (path for path in folder.recordings_folder.iterdir() if path.stem in stems and path.suffix in (".csv", ".yaml"))
     return {path.name: sha256_of(path) for path in files}

@@ -185,18 +185,41 @@ def discriminating_experiment(first: str, other: str) -> DiscriminatingExperimen
 
 
 def families(effect: Effect) -> Mapping[str, DiscriminatingExperiment]:
-    """Causes that one effect stands for because no motion tells them apart: those of its twins that have no effect to be found as."""
+    """Causes that one effect stands for because no motion tells them apart: those of its twins that have no effect to be found as.
+
+    Parameters
+    ----------
+    effect : Effect
+        With what tells its twins apart.
+
+    Returns
+    -------
+    mapping of str to DiscriminatingExperiment
+        By cause.
+    """
     found_as = {e.name for e in EFFECTS if e.trials is not None and not e.behind_gap}
     return {name: apart for name, apart in effect.apart.items() if name not in found_as}
 
 
 def hands_of(apart: Mapping[str, DiscriminatingExperiment]) -> list[str]:
-    """Checks by hand, in sentences that begin with the cause."""
+    """Checks by hand, in sentences that begin with the cause.
+
+    Parameters
+    ----------
+    apart : mapping of str to DiscriminatingExperiment
+        By cause.
+    """
     return [f"{name}: {hand.words()}" for name, one in apart.items() for hand in one.hands]
 
 
 def by_hand_of(name: str) -> list[dict[str, Any]]:
-    """Checks by hand that tell the causes of an effect apart, where no motion does."""
+    """Checks by hand that tell the causes of an effect apart, where no motion does.
+
+    Parameters
+    ----------
+    name : str
+        Of the effect.
+    """
     causes = families(effect_named(name))
     return [{"effect": name, "cause": cause, **plain(hand)} for cause, apart in causes.items() for hand in apart.hands]
 

@@ -103,7 +103,15 @@ def sweep_orders(order: str | None, repeat: int | None, mounted_kg: float | None
 
 
 def speeds_of(order: str, often: int) -> tuple[float, ...]:
-    """Speeds of table A.1, m/s, as an order drives them."""
+    """Speeds of table A.1, m/s, as an order drives them.
+
+    Parameters
+    ----------
+    order : str
+        "I" to "IV".
+    often : int
+        Times that order IV repeats each speed.
+    """
     up = sorted(SHUFFLED)
     if order == "II":
         return tuple(up[::-1])
@@ -164,7 +172,21 @@ def strokes_for(
 
 
 def path_of(strokes: Sequence[Stroke], at_m: float, far_m: float, limits: TrajectoryLimits, period_s: float) -> Trajectory:
-    """One stroke forth and one back at each speed, from where the carriage stands."""
+    """One stroke forth and one back at each speed, from where the carriage stands.
+
+    Parameters
+    ----------
+    strokes : sequence of Stroke
+        Of one record.
+    at_m : float, m
+        Where the carriage stands.
+    far_m : float, m
+        Other end of the longest stroke.
+    limits : TrajectoryLimits
+        Of the carriage.
+    period_s : float, s
+        Of the drive.
+    """
     parts = []
     for stroke in strokes:
         given = {"run_in_s": SWEEP_RUN_IN_S, "rest_s": REST_S, "longest_plateau_s": SWEEP_RUN_IN_S + stroke.plateau_s}
@@ -173,14 +195,32 @@ def path_of(strokes: Sequence[Stroke], at_m: float, far_m: float, limits: Trajec
 
 
 def seconds_of(stroke: Stroke, limits: TrajectoryLimits) -> float:
-    """Duration of a stroke forth and back, s, to a few per cent on the long side."""
+    """Duration of a stroke forth and back, s, to a few per cent on the long side.
+
+    Parameters
+    ----------
+    stroke : Stroke
+        With its plateau.
+    limits : TrajectoryLimits
+        Of the carriage.
+    """
     v, a, j = stroke.speed_m_s, limits.acceleration_m_s2, limits.jerk_m_s3
     ramp = 2.0 * math.sqrt(v / j) if a * a >= v * j else v / a + a / j
     return 2.0 * (2.0 * ramp + SWEEP_RUN_IN_S + stroke.plateau_s + REST_S) + REST_S
 
 
 def records_of(strokes: Sequence[Stroke], limits: TrajectoryLimits, longest_s: float = RECORD_S) -> list[tuple[Stroke, ...]]:
-    """The strokes of a sweep, cut into records of at most ``longest_s``."""
+    """The strokes of a sweep, cut into records of at most ``longest_s``.
+
+    Parameters
+    ----------
+    strokes : sequence of Stroke
+        In their order.
+    limits : TrajectoryLimits
+        Of the carriage.
+    longest_s : float, s
+        Of a record with more than one stroke.
+    """
     records: list[list[Stroke]] = [[]]
     seconds = 0.0
     for stroke in strokes:

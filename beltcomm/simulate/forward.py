@@ -112,7 +112,25 @@ def integrate_torque(
     time_s: float = 0.0,
     state: BodyStates | None = None,
 ) -> Simulated:
-    """Motion of a model under held torque by integration steps, whatever its laws; see :func:`simulate_torque`."""
+    """Motion of a model under held torque by integration steps, whatever its laws; see :func:`simulate_torque`.
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+    torque_nm : array_like (n,), N m, motor shaft
+        Held from each sample to the next.
+    sample_period_s : float, s
+        Sampling period.
+    position_m : float, m
+        Carriage at the start.
+    substeps : int
+        Integration steps in a sample.
+    time_s : float, s
+        Session's clock at the start.
+    state : BodyStates or None
+        Of all bodies at the start; None begins at rest.
+    """
     return _simulate(model, torque_nm, sample_period_s, position_m, substeps, time_s, state, _integrate)
 
 

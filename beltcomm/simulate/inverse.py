@@ -168,7 +168,13 @@ def _cells(torque: Array, per_sample: int, within: Intersample | None) -> Array:
 
 
 def begins_in_motion(motion: FineMotion) -> bool:
-    """True if the kernel lets all bodies begin at the motor's speed; else they begin at rest."""
+    """True if the kernel lets all bodies begin at the motor's speed; else they begin at rest.
+
+    Parameters
+    ----------
+    motion : FineMotion
+        Of a segment.
+    """
     return _first_speed(motion) != 0.0
 
 
@@ -203,6 +209,15 @@ def true_motion(model: Model, motion: FineMotion, vector: Array | None = None) -
 
     An error is one of the angle shown, at the samples, and between them runs as the spline of :func:`reconstruct` does: one that goes
     faster than the samples, as that of an encoder with many lines, is not there between them.
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+    motion : FineMotion
+        As the sensor shows it.
+    vector : ndarray or None
+        Values of the parameters; None for the model's own.
     """
     board = switchboard(model.base_bodies, model.effects)
     if not board.sensor:
@@ -247,7 +262,24 @@ def fine_load(model: Model, motion: FineMotion, vector: Array | None = None, off
 
 
 def motor_load(model: Model, motion: FineMotion, vector: Array, effect: str | None = None) -> Array:
-    """Load by the effects that act on the motor alone, or one of them; triangular mean, (n,), N m, ends 0; read only."""
+    """Load by the effects that act on the motor alone, or one of them; triangular mean, (n,), N m, ends 0; read only.
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+    motion : FineMotion
+        Of a segment.
+    vector : ndarray (k,)
+        Values of the parameters.
+    effect : str or None
+        Name of the only one that counts; None for all.
+
+    Returns
+    -------
+    ndarray (n,), N m, motor shaft
+        Read only; ends 0.
+    """
     board = switchboard(model.base_bodies, model.effects)
     on, vector = board.motor, loaded(model, vector, motion.mounted)
     if effect is not None:
@@ -270,12 +302,46 @@ def motor_load(model: Model, motion: FineMotion, vector: Array, effect: str | No
 
 
 def belt_load(model: Model, motion: FineMotion, vector: Array, offset_m: float) -> Array:
-    """Load by everything beyond the motor; triangular mean, (n,), N m, ends 0."""
+    """Load by everything beyond the motor; triangular mean, (n,), N m, ends 0.
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+    motion : FineMotion
+        Of a segment.
+    vector : ndarray (k,)
+        Values of the parameters.
+    offset_m : float, m
+        Of the carriage at the start.
+
+    Returns
+    -------
+    ndarray (n,), N m, motor shaft
+        Ends 0.
+    """
     return belt_loads(model, motion, [vector], [offset_m])[:, 0]
 
 
 def belt_loads(model: Model, motion: FineMotion, vectors: Sequence[Array], offsets_m: Sequence[float]) -> Array:
-    """Load by everything beyond the motor for several vectors of parameters, all with one transmission, and offsets; (n, k)."""
+    """Load by everything beyond the motor for several vectors of parameters, all with one transmission, and offsets; (n, k).
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+    motion : FineMotion
+        Of a segment.
+    vectors : sequence of ndarray (p,) each
+        Values of the parameters, k times.
+    offsets_m : sequence of float, m
+        Of the carriage at the start, k times.
+
+    Returns
+    -------
+    ndarray (n, k), N m, motor shaft
+        Ends 0.
+    """
     board = switchboard(model.base_bodies, model.effects)
     if not board.belt.any():
         return np.zeros((motion.samples, len(vectors)))
@@ -342,6 +408,22 @@ def linear_innovations(model: Model, motion: FineMotion, vectors: Sequence[Array
     """Innovations over their deviation, (n, k), of several vectors by one observer that does not learn.
 
     One load is ``wanted`` and one transmission is theirs.
+
+    Parameters
+    ----------
+    model : Model
+        With an observer.
+    motion : FineMotion
+        Of a segment.
+    vectors : sequence of ndarray (p,) each
+        Values of the parameters, k times.
+    watch : ObserverState
+        Observer whose gains are known.
+
+    Returns
+    -------
+    ndarray (n, k), 1
+        Column by column.
     """
     watches = [reset(watch, watch.wanted) for _ in vectors]
     follow_bodies(model, [motion] * len(vectors), vectors, watches)
@@ -371,7 +453,24 @@ def acting_torque(model: Model, motion: FineMotion, torque: Array, vector: Array
 
 
 def acting_cells(model: Model, motion: FineMotion, torque: Array, vector: Array | None = None) -> Array:
-    """Acting torque, mean over each cell of time; a whole number of cells per fine step, N m, ((n - 1)*cells per sample,)."""
+    """Acting torque, mean over each cell of time; a whole number of cells per fine step.
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+    motion : FineMotion
+        Of a segment.
+    torque : ndarray (n,), N m, motor shaft
+        As it was read.
+    vector : ndarray or None
+        Values of the parameters; None for the model's own.
+
+    Returns
+    -------
+    ndarray ((n - 1)*cells per sample,), N m
+        Motor shaft.
+    """
     board = switchboard(model.base_bodies, model.effects)
     values = model.vector() if vector is None else vector
     finer = max(1, DELAY_CELLS // motion.substeps) if board.delays else 1
@@ -387,12 +486,33 @@ def acting_cells(model: Model, motion: FineMotion, torque: Array, vector: Array 
 
 
 def coarse(cells: Array, together: int) -> Array:
-    """Means of so many cells each."""
+    """Means of so many cells each.
+
+    Parameters
+    ----------
+    cells : ndarray (n,)
+        Of any unit.
+    together : int
+        Cells for each mean; n is a multiple of it.
+
+    Returns
+    -------
+    ndarray (n/together,)
+        In their unit.
+    """
     return cells if together == 1 else np.asarray(cells.reshape(-1, together).mean(axis=1))
 
 
 def reading_lags(model: Model, vector: Array) -> Lags:
-    """The laws by which a model's torque reading lags, with their values; () where it does not."""
+    """The laws by which a model's torque reading lags, with their values; () where it does not.
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+    vector : ndarray (k,)
+        Values of the parameters.
+    """
     return tuple((law, tuple(float(vector[i]) for i in places)) for law, places in switchboard(model.base_bodies, model.effects).readings)
 
 
