@@ -108,7 +108,22 @@ def word(value: object, what: str) -> str:
 
 
 def choice(value: object, what: str, known: Sequence[str]) -> None:
-    """Raise UsageError for a value that is none of those known."""
+    """Refuse a value that is none of those known.
+
+    Parameters
+    ----------
+    value : object
+        As it was given.
+    what : str
+        Its name, as the sentence begins.
+    known : sequence of str
+        All that may be chosen.
+
+    Raises
+    ------
+    UsageError
+        With the nearest one and all others.
+    """
     if value not in known:
         near = get_close_matches(str(value), known, n=1)
         raise UsageError(f"{what} is {value!r}{f', did you mean {near[0]!r}?' if near else ''}; choose one of {', '.join(known)}")
@@ -131,7 +146,13 @@ class Reached(str):
 
 
 def pasted(value: object) -> str:
-    """A path or a drive as a terminal takes it: in quotes where it has blanks and the like, and never like an option."""
+    """A path or a drive as a terminal takes it: in quotes where it has blanks and the like, and never like an option.
+
+    Parameters
+    ----------
+    value : object
+        Path, text, or an address with options.
+    """
     text = str(value)
     quoted = shlex.quote(f"./{text}" if text.startswith("-") else text)
     return f"{quoted} {value.options}" if isinstance(value, Reached) and value.options else quoted

@@ -52,7 +52,18 @@ def lines_of(folder: Path) -> list[str]:
 
 
 def events_of(folder: Path) -> list[str]:
-    """Events in the lines of the journal; a line that a power cut has torn is a note.   Nothing where it cannot be read."""
+    """Events in the lines of the journal; a line that a power cut has torn is a note.   Nothing where it cannot be read.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the run.
+
+    Returns
+    -------
+    list of str
+        One for each line.
+    """
     try:
         lines = read_text(folder / EVENTS, KEPT_BYTES, errors="replace").splitlines()
     except (OSError, DataError):

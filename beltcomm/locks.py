@@ -129,7 +129,13 @@ def occupied(
 
 
 def is_occupied(folder: Path) -> bool:
-    """True if another command is in a folder now; what a killed one left is no command."""
+    """True if another command is in a folder now; what a killed one left is no command.
+
+    Parameters
+    ----------
+    folder : Path
+        Of a run.
+    """
     import filelock
 
     path = folder / NAME
@@ -174,7 +180,15 @@ def changes_run(*, waits: bool = True) -> Callable[[Callable[_P, _R]], Callable[
 
 
 def at_work(folder: Path, holder: str) -> str:
-    """The sentence for a run in which another session is."""
+    """The sentence for a run in which another session is.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the run.
+    holder : str
+        In words.
+    """
     return f"another session is at work in {folder} ({holder}); wait for its end, or choose another folder"
 
 
@@ -189,7 +203,18 @@ def _refuse_links(folder: Path) -> None:
 
 
 def link_refused(path: Path) -> UsageError:
-    """For a link inside a folder that is to be written into."""
+    """Error for a link inside a folder that is to be written into.
+
+    Parameters
+    ----------
+    path : Path
+        The link.
+
+    Returns
+    -------
+    UsageError
+        To be raised.
+    """
     return UsageError(
         f"{path} is a link to {os.path.realpath(path)}; nothing is written through links inside a run. Put what it points to in its place"
     )

@@ -33,7 +33,13 @@ _DIGEST = hashlib.sha256().digest_size
 
 
 def kept(dispatcher: Any) -> None:
-    """Have the machine code of a compiled function kept, where there is a place for it."""
+    """Have the machine code of a compiled function kept, where there is a place for it.
+
+    Parameters
+    ----------
+    dispatcher : Any
+        Of numba.
+    """
     with contextlib.suppress(RuntimeError):  # in memory then, as long as the process lives
         dispatcher._cache = _Cache(dispatcher.py_func)
 

@@ -100,13 +100,29 @@ class Line(str):
 
 
 def bar(share: float, width: int = 16) -> str:
-    """``[#####...]``: a share of a limit; full from 1 on, empty for what is not known."""
+    """``[#####...]``: a share of a limit; full from 1 on, empty for what is not known.
+
+    Parameters
+    ----------
+    share : float
+        Of the limit; nan for what is not known.
+    width : int
+        Characters between the brackets.
+    """
     filled = 0 if not math.isfinite(share) else min(width, max(0, round(share * width)))
     return f"[{'#' * filled}{'.' * (width - filled)}]"
 
 
 def command_lines(command: str, why: str = "") -> list[Line]:
-    """Next command, alone on its line, so that it can be copied."""
+    """Next command, alone on its line, so that it can be copied.
+
+    Parameters
+    ----------
+    command : str
+        To be typed.
+    why : str
+        Behind the title; "" for nothing.
+    """
     return [Line("  ", (tr("Next"), "title"), f"  {tr(why)}" if why else ""), Line("    ", (command, "command"))]
 
 
@@ -142,7 +158,15 @@ def _html_of(lines: Iterable[str]) -> str:
 
 
 def with_unit(number: str, unit: str) -> str:
-    """A number with its unit as people write it: kg m² for the catalogue's kg m2, nothing for its 1."""
+    """A number with its unit as people write it: kg m² for the catalogue's kg m2, nothing for its 1.
+
+    Parameters
+    ----------
+    number : str
+        As it is printed.
+    unit : str
+        Of the catalogue; "" or "1" for none.
+    """
     return number if unit in ("", "1") else f"{number} {re.sub(r'(?<=[a-z])2', '²', unit)}"
 
 
@@ -171,6 +195,11 @@ def plain(value: Any) -> Any:
     """The value in the types that YAML and JSON have: dataclasses and mappings as mappings, arrays as lists.
 
     Complex values, of which neither has any, as a mapping of ``real`` and ``imag``.
+
+    Parameters
+    ----------
+    value : Any
+        Any value of a result.
     """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value) if not f.name.startswith("_")}
@@ -188,7 +217,13 @@ def plain(value: Any) -> Any:
 
 
 def jsonable(value: Any) -> Any:
-    """The value in the types JSON has: as :func:`plain`, numbers that are not finite become null, what is left becomes text."""
+    """The value in the types JSON has: as :func:`plain`, numbers that are not finite become null, what is left becomes text.
+
+    Parameters
+    ----------
+    value : Any
+        Any value of a result.
+    """
     value = plain(value)
     if isinstance(value, Mapping):
         return {key: jsonable(item) for key, item in value.items()}

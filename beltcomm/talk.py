@@ -111,7 +111,15 @@ def choose(talk: Talk, question: str, choices: Mapping[str, str]) -> str:
 
 
 def detail(talk: Talk, *lines: str) -> None:
-    """Tell a detail: a terminal shows it where details were asked for, and the journal has it."""
+    """Tell a detail: a terminal shows it where details were asked for, and the journal has it.
+
+    Parameters
+    ----------
+    talk : Talk
+        With or without a place for details.
+    *lines : str
+        Sentences.
+    """
     (getattr(talk, "detail", None) or talk.say)(*lines)
 
 

@@ -44,7 +44,20 @@ _TITLE = "Cascade of position, velocity and torque for a servo drive, discrete, 
 
 
 def text_of(controller: Controller, format_: str) -> str:
-    """The controller in one of :data:`FORMATS`.   Raises UsageError for another format."""
+    """The controller in one of :data:`FORMATS`.
+
+    Parameters
+    ----------
+    controller : Controller
+        Coefficients and statements.
+    format_ : str
+        Key of :data:`FORMATS`.
+
+    Raises
+    ------
+    UsageError
+        For another format.
+    """
     if format_ not in FORMATS:
         raise UsageError(f"there is no format {format_!r}; there are {', '.join(FORMATS)}")
     return FORMATS[format_](controller)

@@ -382,6 +382,17 @@ def template(table: Table, written: Sequence[str], guesses: Sequence[Guess]) -> 
 
 
 def mappings_in(text: str) -> list[str]:
-    """The mappings in a file that :func:`template` made and a person edited."""
+    """The mappings in a file that :func:`template` made and a person edited.
+
+    Parameters
+    ----------
+    text : str
+        Content of the file.
+
+    Returns
+    -------
+    list of str
+        ``CHANNEL=NAME*FACTOR``, without comments.
+    """
     lines = (line.strip() for line in text.splitlines())
     return [line.split("  #")[0].strip() for line in lines if line and not line.startswith("#")]

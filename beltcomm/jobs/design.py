@@ -57,7 +57,22 @@ class Basis:
 
 
 def basis_of(run: Path, talk: Talk) -> Basis:
-    """The trusted model of a run, its drive, delay and damping; fitted anew where the run has records since.   Raises DataError."""
+    """The trusted model of a run, its drive, delay and damping; fitted anew where the run has records since.
+
+    Parameters
+    ----------
+    run : Path
+        Of the run folder.
+    talk : Talk
+        Hears progress and answers questions.
+
+    Raises
+    ------
+    UsageError
+        For an axis without belt and pulley.
+    DataError
+        Without a model that can be trusted.
+    """
     folder = RunFolder.open(run)
     if not folder.axis.has_transmission:
         raise UsageError(

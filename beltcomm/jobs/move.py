@@ -30,7 +30,21 @@ REST_S, LATE_S = 0.3, 2.0
 
 
 def admit(axis: Axis, by_m: float) -> None:
-    """Raise UsageError for a way that is too long or too short, or an axis on which a torque from zero lets the carriage fall."""
+    """Refuse a move that is not crept, before anything is asked.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    by_m : float, m
+        Way of the carriage, either way.
+
+    Raises
+    ------
+    UsageError
+        For a way that is too long or too short, an axis file that does not say enough, or an axis on which a torque from zero lets the
+        carriage fall.
+    """
     if not 2.0 * NEAR_M <= abs(by_m) <= LONGEST_MOVE_M:
         ways = f"{2e3 * NEAR_M:g} to {1e3 * LONGEST_MOVE_M:.0f} mm, either way"
         raise UsageError(f"a move by {1e3 * by_m:g} mm cannot be crept: give {ways} (it ends within {1e3 * NEAR_M:g} mm)")

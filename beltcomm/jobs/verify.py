@@ -83,7 +83,20 @@ RUNGS: tuple[MoveVariant, ...] = (
 
 
 def repeats(learn: int | None, rungs: bool) -> int | None:
-    """Number of times that a move is repeated for learning.   Raises UsageError, before a drive is opened, for too few or of two kinds."""
+    """Number of times that a move is repeated for learning, checked before a drive is opened.
+
+    Parameters
+    ----------
+    learn : int or None
+        As it was asked for; None for none.
+    rungs : bool
+        True if the move is repeated for the revisions, too.
+
+    Raises
+    ------
+    UsageError
+        For too few, or repetitions of two kinds.
+    """
     if learn is not None and whole(learn, "learn") < 2:
         raise UsageError(f"{learn} repetitions teach nothing; give 2 or more")
     if rungs and learn is not None:

@@ -111,7 +111,17 @@ def _clock_figure(sweeps: Sequence[Sweep], drift: Drift | None, caption: Caption
 
 
 def load_figure(found: LoadDependence, by: str, caption: Caption) -> Figure:
-    """Coulomb and viscous friction against load with intervals and the straight line."""
+    """Coulomb and viscous friction against load with intervals and the straight line.
+
+    Parameters
+    ----------
+    found : LoadDependence
+        N m and N m s/rad at the motor shaft, kg.
+    by : str
+        Name of the load's axis.
+    caption : Caption
+        Command and data.
+    """
     with styled():
         shown = figure("Friction against load", 3.9, caption)
         both = shown.subplots(1, 2)
@@ -148,7 +158,21 @@ def _title(sweep: Sweep) -> str:
 def figures(
     friction: FrictionFit, sweeps: Sequence[Sweep], drifts: Mapping[int, Drift | str], found: Standstill | None, caption: Caption
 ) -> dict[str, Figure]:
-    """The pictures for which there is something to show."""
+    """The pictures of a friction study, by name, for which there is something to show.
+
+    Parameters
+    ----------
+    friction : FrictionFit
+        Fit of all sweeps.
+    sweeps : sequence of Sweep
+        With and without a fit of their own.
+    drifts : mapping of int to Drift or str
+        By measurement; a sentence where there is none.
+    found : Standstill or None
+        Damping around standstill; None where none was measured.
+    caption : Caption
+        Command and data.
+    """
     made: dict[str, Figure] = {}
     fitted = [s for s in sweeps if s.fit is not None]
     if found is not None:

@@ -27,7 +27,15 @@ def _running_rms(trace: Trace) -> tuple[Array, Array]:
 
 
 def overlay_figure(trace: Trace, caption: style.Caption) -> Figure:
-    """Residual of the whole record above; model over measurement where it is worst; residual there."""
+    """Residual of the whole record above; model over measurement where it is worst; residual there.
+
+    Parameters
+    ----------
+    trace : Trace
+        Of one record.
+    caption : Caption
+        Command and data.
+    """
     kind = "held out" if trace.held_out else "fitted"
     with style.styled():
         title = f"Model over measurement in {trace.record} ({kind}): error {trace.ratio:.2f} times the noise"

@@ -39,12 +39,24 @@ LEFT_WORDS = {
 
 
 def remark_lines(remarks: Sequence[str]) -> list[str]:
-    """Oddities of the records, before anything else."""
+    """Oddities of the records, before anything else on a screen.
+
+    Parameters
+    ----------
+    remarks : sequence of str
+        Sentences.
+    """
     return ["Of the records:", *(f"  {remark}" for remark in remarks), ""] if remarks else []
 
 
 def trial_line(candidate: Candidate) -> str:
-    """Line on a trial while a diagnosis goes on."""
+    """Line on a trial while a diagnosis goes on.
+
+    Parameters
+    ----------
+    candidate : Candidate
+        Kept or taken back.
+    """
     if candidate.grows or candidate.unneeded or candidate.idle:
         return f"{candidate.effect.name} taken back, {candidate.against}; the next best is asked"
     share = 100.0 * min(1.0, candidate.explained)
@@ -69,7 +81,13 @@ def candidate_rows(found: Diagnosis, most: int, indent: str = "") -> list[Row]:
 
 
 def diagnosis_lines(found: Diagnosis) -> list[str]:
-    """Details of a diagnosis behind its answer, as lines: effects of the base, candidates of every trial, laws that were added."""
+    """Details of a diagnosis behind its answer, as lines: effects of the base, candidates of every trial, laws that were added.
+
+    Parameters
+    ----------
+    found : Diagnosis
+        The diagnosis.
+    """
     known = [name for name in found.base.model.effects if name not in (*BELT_BASE, *RIGID_BASE)]
     lines = [f"The model has already: {', '.join(known)}."] if known else []
     lines += candidate_rows(found, 5)
@@ -85,7 +103,13 @@ def diagnosis_lines(found: Diagnosis) -> list[str]:
 
 
 def caveats(found: Diagnosis) -> list[str]:
-    """Reservations about a diagnosis, as sentences: what records held out, parameters left open, values beyond a machine and twins say."""
+    """Reservations about a diagnosis, as sentences: what records held out, parameters left open, values beyond a machine and twins say.
+
+    Parameters
+    ----------
+    found : Diagnosis
+        The diagnosis.
+    """
     lines, model = [], with_intervals(found.final_fit)
     if found.added_effects:
         lines += narrower_lines(found.published_base[1], found.final_fit)
@@ -111,7 +135,15 @@ def caveats(found: Diagnosis) -> list[str]:
 
 
 def narrower_lines(before: Fitted, after: Fitted) -> list[str]:
-    """That only a part of the frequencies counts for a model, and the error of the one before it there; nothing where all count."""
+    """Sentence on a model for which only part of the frequencies counts, with the error of the one before it there; none where all count.
+
+    Parameters
+    ----------
+    before : Fitted
+        Fit of the model before.
+    after : Fitted
+        Fit of the model, to the same records.
+    """
     pairs = [(piece, other) for piece, other in zip(before.problem.pieces, after.problem.pieces, strict=False) if other.group > piece.group]
     if not pairs:
         return []
@@ -151,7 +183,13 @@ def after_diagnosis(found: Diagnosis, run: Path, planned: str = "", designs: boo
 
 
 def lacking_lines(missing: Sequence[str]) -> list[str]:
-    """Records that are not there."""
+    """Records that are not there, and so hide things.
+
+    Parameters
+    ----------
+    missing : sequence of str
+        Sentences.
+    """
     return ["Little can be seen here of some things:", *(f"  {line}" for line in missing)] if missing else []
 
 
@@ -181,7 +219,15 @@ def sight_lines(sights: Sequence[DetectionLimit], run: Path, unnamed: Collection
 
 
 def blind_words(sights: Sequence[DetectionLimit], unnamed: Collection[str]) -> list[str]:
-    """:func:`sight_lines` as one note."""
+    """:func:`sight_lines` as one note.
+
+    Parameters
+    ----------
+    sights : sequence of DetectionLimit
+        Limits of detection.
+    unnamed : collection of str
+        Effects that are left out.
+    """
     blind = [sight.effect.name for sight in sights if not sight.is_detectable and sight.effect.name not in unnamed]
     return [tr("not seen by these records (--next plans some that would): {names}", names=", ".join(blind))] if blind else []
 
@@ -251,7 +297,13 @@ def _family_lines(effect: Effect, model: Model) -> list[str]:
 
 
 def made_already_notes(rung: Revision) -> list[str]:
-    """Note beside a change that the model has already."""
+    """Note beside a change that the model has already.
+
+    Parameters
+    ----------
+    rung : Revision
+        That made it.
+    """
     return [f"The model has this change already, {rung.name}{f' of {rung.when}' if rung.when else ''}: nothing was lost or fitted again."]
 
 
@@ -336,7 +388,15 @@ def staircase(rungs: Sequence[Revision]) -> list[Row]:
 
 
 def ladder_lines(rungs: Sequence[Revision], changed: Sequence[str]) -> list[str]:
-    """``beltcomm ladder``: the staircase, and where its steps come from."""
+    """Revisions of a model as a staircase, and where its steps come from.
+
+    Parameters
+    ----------
+    rungs : sequence of Revision
+        In their order.
+    changed : sequence of str
+        Names of recordings.
+    """
     lines: list[str] = [*staircase(rungs), "", "Where they come from:"]
     for rung in rungs:
         lines += _provenance_lines(rung)

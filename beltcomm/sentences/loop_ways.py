@@ -135,6 +135,11 @@ def friction_nm(recording: Recording) -> float | None:
     """Torque that the steady parts need against friction at base speed, N m at the motor; None where the carriage stood or went one way.
 
     Half the difference of both ways, so that gravity falls out.
+
+    Parameters
+    ----------
+    recording : Recording
+        At constant speed, both ways, with excited periods.
     """
     note = recording.sidecar.excitation
     if note is None or not note.base_speed_m_s or not note.period_starts or not note.period_samples:
@@ -147,7 +152,17 @@ def friction_nm(recording: Recording) -> float | None:
 
 
 def all_ways(recordings: Sequence[Recording], model: Model, first: str) -> list[LoopReading]:
-    """Every way of the record named first, the loudest open-loop record, then other closed-loop ones; what cannot be read is left out."""
+    """Every way of the record named first, the loudest open-loop record, then other closed-loop ones; what cannot be read is left out.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Of the run.
+    model : Model
+        For what bounds the band.
+    first : str
+        Name of a record.
+    """
     excited = [r for r in recordings if r.sidecar.experiment == "frf" and not r.sidecar.held_out]
     opened = [r for r in excited if not r.sidecar.closed_loop and len(analyse.responses([r]))]
     loudest = sorted(opened, key=lambda r: (len(r.t_s), float(np.std(r.torque))))[-1:]
@@ -166,7 +181,15 @@ def all_ways(recordings: Sequence[Recording], model: Model, first: str) -> list[
 
 
 def bias_by(recording: Recording, ways: Sequence[LoopReading]) -> Biased | None:
-    """Bias of the indirect reading of a record under a wrong controller; None where it has none."""
+    """Bias of the indirect reading of a record under a wrong controller; None where it has none.
+
+    Parameters
+    ----------
+    recording : Recording
+        In closed loop.
+    ways : sequence of LoopReading
+        Readings, of this and other records.
+    """
     own = next((s for s in ways if s.record == recording.name and s.way in ("indirect", "setpoint")), None)
     if own is None:
         return None

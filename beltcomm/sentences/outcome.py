@@ -27,7 +27,15 @@ from beltcomm.sentences.torque_path import path_data, path_lines, period_of, pro
 
 
 def save(folder: RunFolder, findings: Findings) -> None:
-    """Everything known into the run folder: models, designs, results."""
+    """Keep everything that was found in the run folder: models, designs, results.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    findings : Findings
+        Of a session.
+    """
     model = findings.final.fit.model if findings.final is not None else None
     if findings.final is not None:
         folder.save("models", "final", findings.final.fit.model.to_dict())
@@ -60,7 +68,13 @@ def _fit_dict(final: FinalModel, findings: Findings) -> dict[str, Any]:
 
 
 def design_dict(findings: Findings) -> dict[str, Any]:
-    """``designs/final.yaml``; empty without a design."""
+    """A design as ``designs/final.yaml`` has it; empty without one.
+
+    Parameters
+    ----------
+    findings : Findings
+        Of a session.
+    """
     if findings.design is None or findings.cascade is None:
         return {}
     apparent = analyse.apparent_damping(findings.thesis)
@@ -68,7 +82,15 @@ def design_dict(findings: Findings) -> dict[str, Any]:
 
 
 def data(folder: RunFolder, findings: Findings) -> dict[str, Any]:
-    """Everything that was found, for ``--json``."""
+    """Everything that was found, for ``--json``.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    findings : Findings
+        Of a session.
+    """
     found: dict[str, Any] = {
         "run": str(folder.path),
         "headline": headline_of(folder).to_dict(),
@@ -128,7 +150,15 @@ def _gravity_text(folder: RunFolder, findings: Findings) -> list[str]:
 
 
 def model_screen(folder: RunFolder, findings: Findings) -> list[Line]:
-    """Axis as known so far, on a screen: axis, model, friction, and what to look at."""
+    """Axis as known so far, on a screen: axis, model, friction, and what to look at.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    findings : Findings
+        Of a session.
+    """
     final = findings.final
     if final is None:
         return screens.warning_lines(findings.remarks)
@@ -142,7 +172,24 @@ def model_screen(folder: RunFolder, findings: Findings) -> list[Line]:
 
 
 def identify_text(folder: RunFolder, findings: Findings, drive: str, place_known: bool) -> tuple[list[str], list[str]]:
-    """The first model on a screen, with what to do next; and everything behind it."""
+    """The first model on a screen, with what to do next; and everything behind it.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    findings : Findings
+        Of a session.
+    drive : str
+        As for ``--drive``.
+    place_known : bool
+        True if a record says where the carriage stands.
+
+    Returns
+    -------
+    tuple of list of str
+        Lines of the screen, and details.
+    """
     details = [*model_text(findings), *_gravity_text(folder, findings), *words.remarks_lines(findings.remarks)]
     name = folder.axis.name or tr("the axis")
     shown = [
@@ -164,7 +211,15 @@ def identify_text(folder: RunFolder, findings: Findings, drive: str, place_known
 
 
 def keep_text(folder: RunFolder, text: list[str]) -> None:
-    """Keep the text shown at the end as ``verdict.txt`` in the run folder."""
+    """Keep the text shown at the end as ``verdict.txt`` in the run folder.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    text : list of str
+        Lines.
+    """
     write_text(folder.path / "verdict.txt", "\n".join(lines_in(folder.terms, text)) + "\n")
 
 
@@ -250,7 +305,19 @@ def commission_text(folder: RunFolder, findings: Findings, ended: ReportWords | 
 
 
 def closing(folder: RunFolder, findings: Findings, drive: str, page: str = "") -> list[str]:
-    """Path of the report, fate of the gains, and the command to type next."""
+    """Path of the report, fate of the gains, and the command to type next.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    findings : Findings
+        Of a session.
+    drive : str
+        As for ``--drive``.
+    page : str
+        Line on the report; "" for none.
+    """
     state = {
         "restore": tr("old gains restored"),
         "keep": tr("new gains kept until power-off"),

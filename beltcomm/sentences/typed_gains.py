@@ -43,7 +43,15 @@ def _typed_lines(cascade: Cascade, drive: Mapping[str, Any]) -> list[str]:
 
 
 def of_run(folder: RunFolder, cascade: Cascade) -> list[str]:
-    """Gains to type into the drive of a run; nothing where beltcomm writes them itself."""
+    """Gains to type into the drive of a run; nothing where beltcomm writes them itself.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    cascade : Cascade
+        That was designed.
+    """
     drive = folder.load_result("drive") or {}
     return _typed_lines(cascade, drive) if drive.get("gains") == "unknown" else []
 

@@ -84,7 +84,21 @@ def _source_rig() -> LoopRig:
 
 
 def own_rig(model: Model, antiresonance_rad_s: float, amplitude_nm: float, low_m: float, high_m: float, counts: int) -> LoopRig:
-    """An axis of one's own: the source's loops at the same crossover, and its speed where the travel has room for the record."""
+    """An axis of one's own: the source's loops at the same crossover, and its speed where the travel has room for the record.
+
+    Parameters
+    ----------
+    model : Model
+        Of the axis.
+    antiresonance_rad_s : float, rad/s
+        Of the belt, for the prefilter.
+    amplitude_nm : float, N m, motor shaft
+        Of the excitation.
+    low_m, high_m : float, m
+        Ends of the travel.
+    counts : int
+        Encoder counts per turn of the motor.
+    """
     share = total_inertia(model) / total_inertia(_source_rig().model)
     weak, strong = (replace(one, kp_nm_s_rad=share * one.kp_nm_s_rad, ki_nm_rad=share * one.ki_nm_rad) for one in (WEAK, STRONG))
     strong = replace(strong, prefilter=Prefilter("butterworth", antiresonance_rad_s))
@@ -184,7 +198,13 @@ class Record:
 
 
 def compare(rig: LoopRig | None = None) -> IdentificationStudy:
-    """All ways on one axis, without one on that of the source."""
+    """All ways to identify in closed loop on one axis.
+
+    Parameters
+    ----------
+    rig : LoopRig or None
+        None for the source's.
+    """
     rig = rig or _source_rig()
     model, weak, strong = rig.model, rig.weak, rig.strong
     signal = prbs(ORDER, CLOCK, 2.0 * rig.amplitude_nm, PERIOD_S, PERIODS)
