@@ -121,6 +121,8 @@ def for_file_name(text: str, otherwise: str, gap: str = "-") -> str:
 
     Parameters
     ----------
+    text : str
+        Of any origin.
     otherwise : str
         Where nothing is left.
     gap : str

@@ -99,6 +99,10 @@ def did_you_mean(word: str, known: Iterable[str], likeness: float = 0.6) -> str:
 
     Parameters
     ----------
+    word : str
+        That was given.
+    known : iterable of str
+        All that it could be.
     likeness : float
         0 to 1, share of matching letters from which on a word counts (``difflib.SequenceMatcher.ratio``).
     """
@@ -252,6 +256,8 @@ def line_of(path: Path, keys: tuple[str, ...]) -> int:
 
     Parameters
     ----------
+    path : Path
+        Of the file.
     keys : tuple of str
         From the outermost.
     """
@@ -331,6 +337,8 @@ def write_text(path: Path, text: str | Iterable[str]) -> None:
 
     Parameters
     ----------
+    path : Path
+        Of the file.
     text : str or Iterable[str]
         Or pieces of it, of which only one is in memory.
 

@@ -90,8 +90,12 @@ def demo(run: Path, *, seed: int, talk: Talk | None = None) -> Iterator[DemoStep
 
     Parameters
     ----------
+    run : Path
+        Of the run folder, which is made.
     seed : int
         Of the fault.
+    talk : Talk or None
+        Hears progress; None says nothing.
     """
     talk = _Progress(talk or Silence())
     name, model = hidden(seed)

@@ -31,6 +31,8 @@ def place(value: Place, what: str = "run folder") -> Path:
 
     Parameters
     ----------
+    value : Place
+        As it was given.
     what : str
         Is meant by it.
 
@@ -54,6 +56,13 @@ def place(value: Place, what: str = "run folder") -> Path:
 def places(values: Place | Iterable[Place], what: str = "run folder") -> list[Path]:
     """Several paths; a single one counts as one and not as its letters.
 
+    Parameters
+    ----------
+    values : Place or iterable of Place
+        As they were given.
+    what : str
+        Is meant by each.
+
     Raises
     ------
     UsageError
@@ -67,6 +76,15 @@ def places(values: Place | Iterable[Place], what: str = "run folder") -> list[Pa
 
 def number(value: object, what: str, unit: str) -> float:
     """A finite number.
+
+    Parameters
+    ----------
+    value : object
+        As it was given.
+    what : str
+        Is meant by it.
+    unit : str
+        For the sentence; "" for none.
 
     Raises
     ------
@@ -86,6 +104,13 @@ def number(value: object, what: str, unit: str) -> float:
 def whole(value: object, what: str) -> int:
     """A whole number.
 
+    Parameters
+    ----------
+    value : object
+        As it was given.
+    what : str
+        Is meant by it.
+
     Raises
     ------
     UsageError
@@ -97,6 +122,13 @@ def whole(value: object, what: str) -> int:
 
 def word(value: object, what: str) -> str:
     """A text that is not empty.
+
+    Parameters
+    ----------
+    value : object
+        As it was given.
+    what : str
+        Is meant by it.
 
     Raises
     ------
@@ -160,6 +192,15 @@ def pasted(value: object) -> str:
 
 def may_write(file: Path, yes: bool, talk: Talk) -> None:
     """Ask before a file is overwritten, unless told not to.
+
+    Parameters
+    ----------
+    file : Path
+        To be written.
+    yes : bool
+        True for a consent given before.
+    talk : Talk
+        Hears progress and answers questions.
 
     Raises
     ------

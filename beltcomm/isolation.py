@@ -50,6 +50,8 @@ def piped(command: Sequence[str], **variables: str) -> subprocess.Popen[bytes]:
 
     Parameters
     ----------
+    command : sequence of str
+        Program and words.
     variables : str
         Of its environment.
 
@@ -170,6 +172,8 @@ def apart(folder: Path, *without: str) -> Iterator[None]:
 
     Parameters
     ----------
+    folder : Path
+        Of the package.
     without : str
         Variables of the environment that are not there meanwhile.
     """

@@ -23,6 +23,12 @@ def append(folder: Path, line: str, event: Event, at: str) -> None:
 
     Parameters
     ----------
+    folder : Path
+        Of the run.
+    line : str
+        A sentence.
+    event : Event
+        Kind of it, for programs.
     at : str
         When, "" where nobody knows.
 
@@ -38,6 +44,11 @@ def append(folder: Path, line: str, event: Event, at: str) -> None:
 
 def lines_of(folder: Path) -> list[str]:
     """Lines of the journal; nothing where there is none.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the run.
 
     Raises
     ------

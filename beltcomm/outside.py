@@ -38,8 +38,12 @@ def opened(
 
     Parameters
     ----------
+    path : Path
+        Of the file.
     most : int
         Bytes.
+    failure : type of BeltcommError
+        Raised for what is not read.
     within : Path or None
         The folder that a link may not lead out of; None: the one in which it stands.
 
@@ -98,6 +102,12 @@ def read_text(path: Path, most: int = SETTINGS_BYTES, failure: type[BeltcommErro
 
     Parameters
     ----------
+    path : Path
+        Of the file.
+    most : int, bytes
+        That are read.
+    failure : type of BeltcommError
+        Raised for what is not read.
     errors : str
         As of ``bytes.decode``. Raises ``failure`` for other text, too.
     """

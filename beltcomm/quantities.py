@@ -152,6 +152,8 @@ def parse_quantity(text: str, name: str) -> float:
 
     Parameters
     ----------
+    text : str
+        As it was typed.
     name : str
         Whose suffix says which quantity is meant.
 

@@ -179,6 +179,10 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[str]], indent: str = "
     ----------
     columns : sequence of str
         Titles; one that begins with ``>`` has its cells at the right.
+    rows : iterable of sequence of str
+        Cells.
+    indent : str
+        Before each line.
     """
     right = [title.startswith(">") for title in columns]
     titles = (title.removeprefix(">") for title in columns)

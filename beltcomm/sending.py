@@ -53,8 +53,16 @@ def reference_for(model: Model, cascade: Cascade, path: Trajectory, drive: Loop,
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
     cascade : Cascade
         As it runs in the drive.
+    path : Trajectory
+        Motion of the carriage.
+    drive : Loop
+        Loop of the drive, with dead time and limits.
+    sending : Sending
+        Way in which the host leads the move.
     time_s : float
         Session's clock at its start.
 

@@ -101,6 +101,10 @@ def choose(talk: Talk, question: str, choices: Mapping[str, str]) -> str:
 
     Parameters
     ----------
+    talk : Talk
+        Hears progress and answers questions.
+    question : str
+        A sentence.
     choices : dict of str to str
         Key -> word, in the order shown.
     """
@@ -128,8 +132,12 @@ def found(talk: Talk, name: str, value: str) -> None:
 
     Parameters
     ----------
+    talk : Talk
+        Hears progress and answers questions.
     name : str
         One word; said again it takes the place of the old.
+    value : str
+        With its unit.
     """
     if tell := getattr(talk, "found", None):
         tell(name, value)

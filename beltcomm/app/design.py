@@ -268,6 +268,8 @@ def ground_of(basis: Basis, saved: Mapping[str, Any], move: Path | None = None) 
 
     Parameters
     ----------
+    basis : Basis
+        Trusted model of the run, its drive and delay.
     saved : dict of str to Any
         Its present design.
     move : Path or None

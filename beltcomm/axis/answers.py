@@ -148,6 +148,15 @@ def parts(kind: Kind) -> dict[str, dict[str, Any]]:
 def with_part(data: Mapping[str, Any], kind: Kind, name: str) -> dict[str, Any]:
     """``data``, in the shape of axis.yaml, with an axis or a motor of the catalogue.
 
+    Parameters
+    ----------
+    data : mapping of str to Any
+        Is left as it is.
+    kind : Kind
+        Key of the catalogue of parts.
+    name : str
+        Of the part.
+
     Raises
     ------
     UsageError

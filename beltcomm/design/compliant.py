@@ -69,6 +69,10 @@ def lead_motion(model: Model, carriage: Trajectory, advance_s: float = 0.0, *, f
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
+    carriage : Trajectory
+        Motion of the carriage.
     advance_s : float
         By which the torque will be sent ahead; there is as much more rest before the motion.
     friction : bool
@@ -117,6 +121,10 @@ def torque_along(led: Leading, feedforward: Feedforward, ratio: float) -> Array:
 
     Parameters
     ----------
+    led : Leading
+        As of :func:`lead_motion`.
+    feedforward : Feedforward
+        Of the drive, with its advance.
     ratio : float
         i_t, m/rad.
     """

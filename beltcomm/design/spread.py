@@ -62,6 +62,8 @@ def margin_spread(draws: Sequence[Sequence[DesignPlant]], cascade: Cascade, peri
     ----------
     draws : sequence of sequence of DesignPlant
         Equally many plants each, equally many bodies.
+    cascade : Cascade
+        The controller.
     period_s : float
         Of the drive's loops.
 

@@ -12,7 +12,16 @@ _ORDINAL = ("second", "third", "fourth")
 def mass_in_record(own: float, stated: float) -> float:
     """Mass that moves with the motor in a record, in place of the model's own:  m + stated, kg (kg m² without a carriage).
 
-    own : of the load that the record names.   stated : beyond that, in the record's sidecar.   Source: (2.25) with another m_c.
+    Parameters
+    ----------
+    own : float, kg
+        Of the load that the record names.
+    stated : float, kg
+        Beyond that, in the record's sidecar.
+
+    References
+    ----------
+    (2.25) with another m_c.
     """
     return own + stated
 

@@ -163,6 +163,12 @@ def gate_error_percent(speed_m_s: ArrayLike, increment_m: float, tick_s: float, 
 
     Parameters
     ----------
+    speed_m_s : array_like, m/s
+        ξ, of the carriage.
+    increment_m : float, m
+        Δξ_min.
+    tick_s : float, s
+        Δt_min of the timer.
     sign : int
         1 for a time measured too long, −1 for too short (worse).
     """
@@ -177,6 +183,12 @@ def crossing_speed_m_s(increment_m: float, tick_s: float, period_s: float, *, si
 
     Parameters
     ----------
+    increment_m : float, m
+        Δξ_min.
+    tick_s : float, s
+        Δt_min of the timer.
+    period_s : float, s
+        T_s.
     sign : int
         1 as printed; it belongs to a gate time measured too long, the smaller error. −1 : to the larger, which is the worst case the source
         speaks of.

@@ -231,6 +231,17 @@ def fastest_m_s(axis: Axis, capabilities: Capabilities, steps: Sequence[Step], m
 def lines_of(axis: Axis, capabilities: Capabilities, steps: Sequence[Step], model: Model | None = None) -> list[Experiment]:
     """The plan's lines of several steps.
 
+    Parameters
+    ----------
+    axis : Axis
+        As its file states it.
+    capabilities : Capabilities
+        Of the drive.
+    steps : sequence of Step
+        In their order.
+    model : Model or None
+        Of the axis; None while none is known.
+
     Raises
     ------
     BeltcommError

@@ -98,6 +98,13 @@ def ensure(machine: Machine, breakaway_nm: float) -> float:
 def adopt(machine: Machine, found: Calibration) -> list[str]:
     """Believe a measurement: tell the drive, keep it in the run.
 
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    found : Calibration
+        Constants of this drive.
+
     Returns
     -------
     list of str
@@ -125,6 +132,8 @@ def measure(machine: Machine, breakaway_nm: float) -> Calibration:
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
     breakaway_nm : float
         Friction at standstill.
 

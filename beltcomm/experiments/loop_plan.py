@@ -117,6 +117,10 @@ def require_offered(capabilities: Capabilities, way: Way, parameters: frozenset[
 
     Parameters
     ----------
+    capabilities : Capabilities
+        Of the drive.
+    way : Way
+        Of identifying in closed loop.
     parameters : frozenset of str
         Names that the drive offers.
 
@@ -147,6 +151,14 @@ def plan_job(machine: Machine, findings: Findings, model: Model, way: Way, base_
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
+    findings : Findings
+        With the delay.
+    model : Model
+        Of the axis.
+    way : Way
+        Of identifying in closed loop.
     base_speed_m_s : float or None
         None is chosen here, 0 stands.
 

@@ -223,6 +223,10 @@ def identify_plan(
 
     Parameters
     ----------
+    axis : Axis
+        As its file states it.
+    capabilities : Capabilities
+        Of the drive.
     window_m : tuple of float or None
         To be kept, from where it stands.
     asked : AskedExcitation
@@ -401,6 +405,12 @@ def verification_plan(
 
     Parameters
     ----------
+    axis : Axis
+        As its file states it.
+    model : Model
+        Of the axis.
+    path : Trajectory
+        Of the carriage.
     braking : Braking
         Of its loop.
     stops : StopsOutOfMove

@@ -29,6 +29,10 @@ def reference(machine: Machine, settings: Settings, *, needed: bool = True) -> t
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
+    settings : Settings
+        Place, window and homing that were asked for.
     needed : bool
         False when a record at the present place will do, inside a window that the operator states or confirms.
 
@@ -118,8 +122,12 @@ def slow_payload(axis: Axis, mass_kg: float, payload_kg: float | None) -> str | 
 
     Parameters
     ----------
+    axis : Axis
+        As its file states it.
     mass_kg : float
         Of the carriage as it is.
+    payload_kg : float or None, kg
+        The further one; None for none.
     """
     allowed = axis.belt_force_limit_n / (mass_kg + (payload_kg or 0.0))
     if not payload_kg or allowed >= SLOW_M_S2:

@@ -54,6 +54,11 @@ def check_sign(machine: Machine) -> None:
 
     Nothing moves where :func:`is_crept` says so.
 
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+
     Raises
     ------
     DriveError

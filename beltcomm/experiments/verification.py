@@ -87,6 +87,13 @@ class StandardMove:
 def standard_move(machine: Machine, model: Model) -> StandardMove:
     """The standard move of this axis, admissible for its model.
 
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        Of the axis.
+
     Raises
     ------
     Refused

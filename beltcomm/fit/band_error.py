@@ -74,6 +74,8 @@ def band_of(data: Data, model: Model) -> float:
 
     Parameters
     ----------
+    data : Data
+        The records.
     model : Model
         As a fit has it, for inertia and belt.
     """
@@ -174,6 +176,10 @@ def changes(data: Data, before: Fitted, after: Fitted, ahead: Data | None = None
     ----------
     data : Data
         Records as that model sees them.
+    before : Fitted
+        Fit of the one model.
+    after : Fitted
+        Fit of the other, to the same records.
     ahead : Data or None
         As the model after does; the same without it.
     """

@@ -82,6 +82,8 @@ def fit_base(
     ----------
     data : Data
         With the reading taken for the torque that acts.
+    start : Model
+        Model that the fit begins from.
     fixed : sequence of str
         Parameters that stay.
     path : TorquePath or None
@@ -90,6 +92,8 @@ def fit_base(
         The data sheets, for what the records do not tell.
     publish : bool
         With the finest steps, and reversals, for numbers that are shown; else as a search goes on from it.
+    progress : callable
+        Hears the share that is done, 0 to 1.
     """
     found = _fit_base(data, start, fixed, path, publish, progress)
     while sheet is not None and (name := next_to_hold(found[1], sheet)) is not None:
@@ -209,6 +213,10 @@ def likeliest_path(data: Data, fitted: Fitted, *, fixed: Sequence[str] = ()) -> 
 
     Parameters
     ----------
+    data : Data
+        The records.
+    fitted : Fitted
+        Model, fitted to the records.
     fixed : sequence of str
         Parameters that stay.
 
@@ -356,6 +364,10 @@ def in_groups_of(data: Data, fitted: Fitted, like: Data) -> tuple[Data, Fitted]:
 
     Parameters
     ----------
+    data : Data
+        The records.
+    fitted : Fitted
+        Model, fitted to the records.
     like : Data
         The same stretches, as a model sees them that is held against this one.
     """

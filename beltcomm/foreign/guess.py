@@ -82,10 +82,16 @@ def completed(
 
     Parameters
     ----------
+    table : Table
+        Columns as they were read.
     written : sequence of str
         What the user mapped; nothing is guessed when that and columns with our own names make a recording.
+    axis : Axis
+        As its file states it.
     timed : bool
         A time column is needed.
+    ask : Ask or None
+        Asks a person; None asks nobody.
 
     Raises
     ------

@@ -180,8 +180,12 @@ def unknown_payload(
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
     stiffness_shares : tuple of float
         The softest and the stiffest belt thought of, as shares of the model's.
+    masses_kg : sequence of float, kg
+        Of the carriage with payload.
     """
     family = []
     for mass in masses_kg:
@@ -233,8 +237,14 @@ def not_ruled_out(family: Sequence[Model], recording: Recording, ratio: float, p
 
     Parameters
     ----------
+    family : sequence of Model
+        Of carriages of one axis.
+    recording : Recording
+        The record.
     ratio : float
         i_t, m/rad.
+    position_m : float, m
+        Carriage on the axis.
     """
     sample_s, torque = recording.sample_period_s, recording.torque if recording.torque_setpoint is None else recording.torque_setpoint
     went_m = ratio * float(np.ptp(recording.position))
@@ -308,8 +318,18 @@ def largest_amplitude(
 
     Parameters
     ----------
+    family : sequence of Model
+        Models that the axis may be.
     shape : ndarray (n,)
         The record with unit amplitude.
+    sample_s : float, s
+        Sampling period.
+    position_m : float, m
+        Carriage on the axis.
+    limits : MotionLimits
+        Of the axis.
+    at_most_nm : float, N m, motor shaft
+        What motor and drive allow.
     braking, losses : callable
         As :func:`predict`.
 

@@ -66,10 +66,14 @@ def fit_magnitudes(
 
     Parameters
     ----------
-    start : Model
-        Three-mass model; its Coulomb friction is left out.
+    responses : mapping of str to FrequencyResponse, rad/(N m), motor shaft
+        By record.
     places_m : dict of str to float
         Of the responses, m.
+    start : Model
+        Three-mass model; its Coulomb friction is left out.
+    axis : Axis
+        As its file states it.
     """
     chosen = {name: chosen_lines(r, LINES, HIGHEST_SAMPLED) for name, r in responses.items()}
     if not chosen:

@@ -117,12 +117,18 @@ def delivered(
 
     Parameters
     ----------
+    basis : Basis
+        Trusted model of the run, its drive and delay.
     along : sequence of str
         Effects that ``verify`` compensates.
     payload_kg : float or None
         Heaviest further load.
     seed : int
         Of the draws.
+    pictures : bool
+        True for pictures into the run.
+    command : str
+        Kept as provenance.
     noted : Mapping[str, Any] or None
         What else is kept.
     """

@@ -31,8 +31,18 @@ def follow_plan(drive: Drive, run: Path, file: Path, options: Options, agree: Ca
 
     Parameters
     ----------
+    drive : Drive
+        Connected.
+    run : Path
+        Of the run folder.
+    file : Path
+        Of the plan.
+    options : Options
+        Settings of the session.
     agree : callable
         Shows what will move, raises Refused for a no, and homes if asked.
+    talk : Talk
+        Hears progress and answers questions.
     """
     wanted = load_plan(file)
     folder = RunFolder.open(run)

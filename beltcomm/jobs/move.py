@@ -102,8 +102,18 @@ def moved(drive: Drive, name: str, axis: Axis, by_m: float, options: Options, ta
 
     Parameters
     ----------
+    drive : Drive
+        Connected.
     name : str
         Of the drive, for what to do next. Exit code 1 for a move that fell short.
+    axis : Axis
+        As its file states it.
+    by_m : float, m
+        Way of the carriage, either way.
+    options : Options
+        Settings of the session.
+    talk : Talk
+        Hears progress and answers questions.
     """
     plan = plan_of(axis, drive.capabilities, by_m)
     if options.dry_run:

@@ -123,10 +123,18 @@ def verify_with(
 
     Parameters
     ----------
+    drive : Drive
+        Connected.
     name : str
         Of the drive, for what to do next.
+    run : Path
+        Of the run folder.
+    options : Options
+        Settings of the session.
     agree : callable
         Shows what will move and raises Refused for a no.
+    talk : Talk
+        Hears progress and answers questions.
     move, trajectory
         A file, or limits named in axis.yaml. ``options.feedforward`` replaces the design's for this move only.
     rungs : bool

@@ -53,10 +53,22 @@ def apply_to(
 
     Parameters
     ----------
-    shown : bool
-        By a small move, before anything is saved.
+    drive : Drive
+        Connected.
     name : str
         Of the drive.
+    folder : RunFolder
+        The run folder.
+    options : Options
+        Settings of the session.
+    talk : Talk
+        Hears progress and answers questions.
+    agree : callable
+        Shows what will move and raises Refused for a no.
+    dcf : Path or None
+        File that is written in place of the design; None for none.
+    shown : bool
+        By a small move, before anything is saved.
 
     Raises
     ------
@@ -94,8 +106,18 @@ def roll_back(drive: Drive, name: str, folder: RunFolder, which: str | None, opt
 
     Parameters
     ----------
+    drive : Drive
+        Connected.
+    name : str
+        Of the drive, for what to do next.
+    folder : RunFolder
+        The run folder.
     which : str or None
         Its name or path; None is the one from before the run. Nothing moves.
+    options : Options
+        Settings of the session.
+    talk : Talk
+        Hears progress and answers questions.
     """
     backup = backups.choose_backup(folder, which)
     claim(folder, drive.capabilities, options, talk)

@@ -310,6 +310,8 @@ def undetermined_effects(model: Model, base: Model) -> list[str]:
     ----------
     model : Model
         With intervals.
+    base : Model
+        Model without them.
     """
     found = []
     for effect in (e for e in model.effect_list() if e.name not in base.effects):

@@ -195,6 +195,10 @@ def of_run(data: Data, fitted: Fitted, band_hz: float | None = None) -> tuple[Pl
 
     Parameters
     ----------
+    data : Data
+        The records.
+    fitted : Fitted
+        Model, fitted to the records.
     band_hz : float or None
         :func:`band_of` without one.
     """

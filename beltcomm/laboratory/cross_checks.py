@@ -88,6 +88,10 @@ def sheet_doubts(model: Model, ratio: float, axis: Axis, recordings: Sequence[Re
         With intervals.
     ratio : float
         Its error over the noise.
+    axis : Axis
+        As its file states it.
+    recordings : sequence of Recording
+        Of a run.
     """
     if "cart" not in model.base_bodies:
         return _rigid_doubts(axis, recordings)

@@ -214,8 +214,16 @@ def diagnose(
 
     Parameters
     ----------
+    recordings : sequence of Recording
+        Of a run.
+    axis : Axis
+        As its file states it.
+    start : Model
+        Model that the search begins from.
     begun : tuple[Data, Fitted] or None
         Its :func:`fit_base_of`, where known.
+    most : int
+        Causes that are named.
     progress : callable
         Hears the number of the stage, from 1, and how much of it is done; nobody knows how many there will be.
     trying : callable

@@ -62,6 +62,10 @@ def fit_law_shapes(data: Data, fitted: Fitted, base: Model) -> ShapedFit:
 
     Parameters
     ----------
+    data : Data
+        The records.
+    fitted : Fitted
+        Model, fitted to the records.
     base : Model
         Model without the added effects.
     """

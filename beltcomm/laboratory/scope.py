@@ -237,6 +237,8 @@ def missing_records(recordings: Sequence[Recording], ratio_m_rad: float) -> list
 
     Parameters
     ----------
+    recordings : sequence of Recording
+        Of a run.
     ratio_m_rad : float
         Carriage travel per radian of the motor.
     """

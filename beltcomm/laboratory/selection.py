@@ -391,6 +391,14 @@ def with_effect(data: Data, base: Fitted, ground: AxisSummary, effect: Effect, s
 
     Parameters
     ----------
+    data : Data
+        The records.
+    base : Fitted
+        Fitted without it.
+    ground : AxisSummary
+        Of the axis, for the trials.
+    effect : Effect
+        The effect.
     start : Mapping[str, float] or None
         Values from which the fit begins, instead of a search.
 

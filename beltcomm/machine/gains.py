@@ -179,8 +179,14 @@ def differences(drive: Drive, folder: RunFolder | None, wanted: Sequence[ObjectV
 
     Parameters
     ----------
+    drive : Drive
+        Connected.
     folder : RunFolder or None
         Of the run, None for what this computer itself noted of the drive.
+    wanted : sequence of ObjectValue
+        Objects with their raw values.
+    left_out : sequence of str
+        Sentences on what is wanted and not in this drive.
 
     Raises
     ------

@@ -96,6 +96,14 @@ def refuse_too_steep(axis: Axis, holding_nm: float, friction_nm: float, mass_kg:
 
     Parameters
     ----------
+    axis : Axis
+        As its file states it.
+    holding_nm : float, N m, motor shaft
+        τ_g.
+    friction_nm : float, N m, motor shaft
+        τ_C.
+    mass_kg : float, kg
+        Carriage with payload.
     known : str
         Where the numbers are from, in words.
     """
@@ -224,6 +232,8 @@ def less_steep(machine: Machine, limit_n: float, needed_n: float) -> str:
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
     limit_n : float
         It may carry.
     needed_n : float

@@ -34,6 +34,8 @@ def prove(machine: Machine, holding_nm: float | None = None) -> Guarding:
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
     holding_nm : float or None
         What holds the axis meanwhile, N m.
 
@@ -110,6 +112,8 @@ def losses_of(machine: Machine, sliding_nm: Callable[[float, float], float] | No
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
     sliding_nm : callable
         As in :func:`braking_of`.
     """

@@ -166,6 +166,13 @@ def check_units(folder: RunFolder, capabilities: Capabilities) -> None:
     Whoever changes them with a maker's tool leaves limits, zero and ramps in the old ones, and a drive that tells another unit than it
     counts in shows that to no sensor.
 
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    capabilities : Capabilities
+        Of the drive.
+
     Raises
     ------
     UsageError

@@ -116,6 +116,15 @@ def check_first(machine: Machine, model: Model, recording: Recording) -> Model:
     like one that moves more.  Friction makes the steps of the torque show more than there is, nothing makes them show less.  Where they
     show about the data sheets' inertia, or more while the estimate is less, that of the sheets stands and the next, louder record decides.
 
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        Of the axis.
+    recording : Recording
+        The record.
+
     Raises
     ------
     Refused
@@ -203,9 +212,15 @@ def check_fitted(machine: Machine, model: Model, first: Model, response: Recordi
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        Of the axis.
     first : Model
         What the excitation before it showed; where that agrees with the data sheets, it is not the scale that is wrong. Nor is it where the
         steps of the torque show about the data sheets' inertia and a fit, of a machine with more bodies, say, somewhat less.
+    response : Recording
+        The record that it was fitted to.
 
     Raises
     ------

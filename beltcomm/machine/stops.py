@@ -72,6 +72,8 @@ def braking_of(machine: Machine, sliding_nm: Callable[[float, float], float] | N
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
     sliding_nm : callable
         As in :class:`PassiveBraking`.
     """
@@ -84,6 +86,17 @@ def braking_of(machine: Machine, sliding_nm: Callable[[float, float], float] | N
 
 def count_on_loop(machine: Machine, family: Sequence[Model], cascade: Cascade, delay_s: float) -> Braking:
     """Set the quick stop to the hardest one that a loop makes without loading the belt too much; returns what is counted with.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    family : sequence of Model
+        Models that the axis may be, the likeliest first.
+    cascade : Cascade
+        The controller.
+    delay_s : float, s
+        Of the torque path.
 
     Raises
     ------

@@ -616,6 +616,8 @@ def load_plant(name: str | Path, drive: Mapping[str, object] | None = None) -> P
 
     Parameters
     ----------
+    name : str or Path
+        Of a shipped plant, or a path.
     drive : dict of str to object or None
         Entries that stand in for those of its drive section.
 

@@ -130,6 +130,8 @@ def clipped_share(torque: Array, setpoint: Array | None, amplitude: float | None
 
     Parameters
     ----------
+    torque : ndarray (n,)
+        Of any unit.
     setpoint : ndarray or None
         What was asked; then only samples count where more was asked for.
     amplitude : float or None
@@ -336,6 +338,12 @@ def rigid_inertia(t_s: Array, torque: Array, position: Array, *, weight: bool = 
 
     Parameters
     ----------
+    t_s : ndarray (n,), s
+        Time stamps, rising.
+    torque : ndarray (n,)
+        N m, N or A, by the side of the record.
+    position : ndarray (n,)
+        rad or m, by that side.
     weight : bool
         The load turns with the motor and may not be balanced: sine and cosine of the angle count as well.
     """

@@ -193,6 +193,8 @@ def compared_figure(runs: Sequence[tuple[str, FrictionFit]], caption: Caption) -
     ----------
     runs : Sequence[tuple[str, FrictionFit]]
         Name, friction.
+    caption : Caption
+        Command and data.
     """
     with styled():
         shown = figure("Friction over speed, run by run", 4.4, caption)

@@ -46,6 +46,10 @@ def responses_figure(
     ----------
     shown : Sequence[tuple[str, FrequencyResponse, Landmarks or None]]
         Label, response, landmarks.
+    sentences : sequence of str
+        Below the title.
+    caption : Caption
+        Command and data.
     models : Sequence[SmoothResponse or None]
         For each the model's curve with its band, drawn over the measured magnitude; none where there is none.
     """

@@ -78,8 +78,12 @@ def power(rows: Sequence[GridRow], values: Array, edges: Array, chosen: BoolArra
 
     Parameters
     ----------
+    rows : sequence of GridRow
+        One for each segment.
     values : ndarray
         Whitened, of all rows behind each other or of the first.
+    edges : ndarray (k + 1,), Hz
+        Of the bands.
     chosen : ndarray of bool or None
         Samples that count.
     """

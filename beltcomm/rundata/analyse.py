@@ -169,6 +169,8 @@ def friction_of(recordings: Sequence[Recording], slowest_rad_s: float = 0.0, ine
 
     Parameters
     ----------
+    recordings : sequence of Recording
+        Of a run.
     slowest_rad_s : float
         Slower passes are shown and not fitted.
     inertia_kg_m2 : float
@@ -242,6 +244,14 @@ def design_plants(
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
+    positions_m : sequence of float, m
+        Carriage on the axis.
+    masses_kg : sequence of float, kg
+        Carriage with payload.
+    dead_time_s : float, s
+        Of the torque path.
     apparent_damping_nm_s_rad : float
         What a frequency response around standstill shows, at the motor; the axis in motion has less.
     """
@@ -284,8 +294,24 @@ def design(
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
+    structure : CascadeStructure
+        Of the drive's loops.
+    positions_m : sequence of float, m
+        Carriage on the axis.
+    masses_kg : sequence of float, kg
+        Carriage with payload.
+    dead_time_s : float, s
+        Of the torque path.
+    apparent_damping_nm_s_rad : float, N m s/rad, motor shaft
+        As of :func:`design_plants`.
     prefilter : PrefilterKind or None
         The only kind to try; None: all that the drive has.
+    feedforward : FeedforwardKind
+        Kind that is asked for.
+    specification : Specification or None
+        Margins and targets; None for the usual ones.
 
     Raises
     ------
@@ -318,6 +344,19 @@ def first_loop(
     model: Model, structure: CascadeStructure, position_m: float, dead_time_s: float, apparent_damping_nm_s_rad: float
 ) -> DesignResult:
     """The cautious loop for a first model at one place, with the largest uncertainty and the best margins that the drive allows.
+
+    Parameters
+    ----------
+    model : Model
+        Of the axis.
+    structure : CascadeStructure
+        Of the drive's loops.
+    position_m : float, m
+        Carriage on the axis.
+    dead_time_s : float, s
+        Of the torque path.
+    apparent_damping_nm_s_rad : float, N m s/rad, motor shaft
+        As of :func:`design_plants`.
 
     Raises
     ------
@@ -442,6 +481,13 @@ def apparent_damping(fits: Mapping[str, MagnitudeFit]) -> float:
 def resonance_shape(model: Model, position_m: float) -> Shape:
     """:func:`beltcomm.identify.landmarks.shape_of`.
 
+    Parameters
+    ----------
+    model : Model
+        Of the axis.
+    position_m : float, m
+        Carriage on the axis.
+
     Raises
     ------
     DataError
@@ -459,6 +505,13 @@ def resonance_shape(model: Model, position_m: float) -> Shape:
 
 def characteristic_hz(model: Model, position_m: float) -> tuple[float, float]:
     """Antiresonance and resonance of the belt with the carriage at a place, Hz; of a rigid axis the whole band from ``RIGID_LOWEST_HZ`` on.
+
+    Parameters
+    ----------
+    model : Model
+        Of the axis.
+    position_m : float, m
+        Carriage on the axis.
 
     Raises
     ------

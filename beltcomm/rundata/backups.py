@@ -85,6 +85,15 @@ def keep_first(folder: RunFolder, drive: Drive) -> None:
 def take(folder: RunFolder, drive: Drive, before: str) -> Path:
     """One more backup, or the first; returns its path.
 
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    drive : Drive
+        Connected.
+    before : str
+        Command that it is taken for.
+
     Raises
     ------
     UsageError
@@ -136,6 +145,13 @@ def list_backups(folder: RunFolder) -> list[Backup]:
 def choose_backup(folder: RunFolder, which: str | None) -> Backup:
     """A backup by name or path; None is the one from before the run.
 
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    which : str or None
+        Name or path.
+
     Raises
     ------
     Refused
@@ -158,6 +174,11 @@ def choose_backup(folder: RunFolder, which: str | None) -> Backup:
 
 def read(path: Path) -> Backup:
     """A backup from its file.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
 
     Raises
     ------
@@ -205,6 +226,13 @@ def values_to_restore(backup: Backup, drive: Drive) -> list[ObjectValue]:
 
     The mode of operation, which older backups hold, does not go back: whoever uses the drive next chooses it.
     An old run's backup has no raw values, and none of the parameters that are younger than it: these are as a plain cascade has them.
+
+    Parameters
+    ----------
+    backup : Backup
+        Of this drive.
+    drive : Drive
+        Connected.
 
     Raises
     ------

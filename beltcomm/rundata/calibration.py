@@ -103,6 +103,13 @@ def calibration_from_dict(data: Mapping[str, Any], where: Path) -> Calibration:
 def recall(drive: Drive, folder: RunFolder) -> None:
     """Tell a drive what its gains mean, where the run knows it and the drive's profile does not.
 
+    Parameters
+    ----------
+    drive : Drive
+        Connected.
+    folder : RunFolder
+        The run folder.
+
     Raises
     ------
     DataError
@@ -145,6 +152,11 @@ def store_of(kind: str) -> Path:
 def calibration_of(kind: str) -> Calibration | None:
     """Calibration of a kind of drive by earlier runs; None without one.
 
+    Parameters
+    ----------
+    kind : str
+        Of the drive.
+
     Raises
     ------
     DataError
@@ -181,6 +193,8 @@ def check(found: Calibration, documented: bool, before: Calibration | None) -> l
 
     Parameters
     ----------
+    found : Calibration
+        Constants of this drive.
     documented : bool
         The profile's meanings are no guesses.
     before : Calibration or None

@@ -148,6 +148,15 @@ def _cost_lines(cost: Cost | None, reason: str, name: str) -> list[str]:
 def offline_move(axis: Axis, model: Model, period_s: float) -> Trajectory:
     """The move of the targets, or what of it travel and limits allow.
 
+    Parameters
+    ----------
+    axis : Axis
+        As its file states it.
+    model : Model
+        Of the axis.
+    period_s : float, s
+        Of the samples.
+
     Raises
     ------
     Refused
@@ -248,6 +257,12 @@ def with_costs(folder: RunFolder, found: Diagnosis, made: list[Revision], whole:
 
     Parameters
     ----------
+    folder : RunFolder
+        The run folder.
+    found : Diagnosis
+        The diagnosis.
+    made : list of Revision
+        Revisions of the climb.
     whole : dict of str to Any or None
         Of all that was named.
     """

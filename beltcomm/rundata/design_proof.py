@@ -199,8 +199,16 @@ def grounds_of(folder: RunFolder, model: Model, revision: str, findings: Finding
 
     Parameters
     ----------
+    folder : RunFolder
+        The run folder.
+    model : Model
+        Of the axis.
     revision : str
         Of the model, "" where it is the last fit's own.
+    findings : Findings
+        With delay, damping and torque path.
+    payloads_kg : sequence of float, kg
+        Further ones.
     """
     travel, fit = folder.axis.travel, folder.load_result("fit") if not revision else None
     try:

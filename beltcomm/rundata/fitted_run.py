@@ -49,6 +49,11 @@ class Opened:
 def records_of(folder: RunFolder) -> Checked:
     """The records of a run, checked together.
 
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+
     Raises
     ------
     DataError
@@ -106,6 +111,13 @@ def with_remarks_on_loads(folder: RunFolder, records: Checked, fitted: Fitted) -
 
 def explainable(ratio: float, run: Path) -> None:
     """Refuse a model that is too far off for its error to mean anything.
+
+    Parameters
+    ----------
+    ratio : float
+        Error over the noise.
+    run : Path
+        Of the run folder, for the sentence.
 
     Raises
     ------

@@ -212,6 +212,10 @@ def next_command(folder: RunFolder, headline: Headline, drive: str = "", *, appl
 
     Parameters
     ----------
+    folder : RunFolder
+        The run folder.
+    headline : Headline
+        Of the run.
     drive : str
         That of the run unless told.
     applied : str

@@ -40,6 +40,11 @@ THESIS_STRUCTURE = CascadeStructure("thesis", 1e-3, ("none", "notch", "butterwor
 def saved_model(folder: RunFolder) -> Model:
     """The run's newest model.
 
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+
     Raises
     ------
     DataError
@@ -122,6 +127,17 @@ def cascade_of(
     saved: Mapping[str, Any], model: Model, structure: CascadeStructure, feedforward: FeedforwardKind | None = None
 ) -> tuple[Cascade, float]:
     """The controller of a saved design and the delay it was proven with, s; with another feedforward of the model when asked for.
+
+    Parameters
+    ----------
+    saved : mapping of str to Any
+        Content of ``designs/final.yaml``.
+    model : Model
+        Of the axis.
+    structure : CascadeStructure
+        Of the drive's loops.
+    feedforward : FeedforwardKind or None
+        Kind that is asked for; None for the design's own.
 
     Raises
     ------
@@ -223,6 +239,11 @@ def fit_run(folder: RunFolder, solver: Solver, talk: Talk, model: Model | None =
 
 def fit_for_belt_model(folder: RunFolder) -> Checked:
     """The records over time, checked as for ``compare``.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
 
     Raises
     ------

@@ -59,6 +59,12 @@ def proof(cascade: Cascade, trajectory: Trajectory, payloads_kg: Sequence[float]
 
     Parameters
     ----------
+    cascade : Cascade
+        The controller.
+    trajectory : Trajectory
+        The move, at the carriage.
+    payloads_kg : sequence of float, kg
+        Further ones that the design holds for.
     led_by : str
         How the host led the motor ahead of the carriage, or its reference ("led"); "" where the gains stood for themselves.
     """
@@ -152,6 +158,17 @@ def doubts(folder: RunFolder) -> list[str]:
 def admit(folder: RunFolder, talk: Talk, *, yes: bool, force: bool) -> None:
     """Warn of every doubt about the design and ask; ``yes`` alone is no answer to that.
 
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    talk : Talk
+        Hears progress and answers questions.
+    yes : bool
+        True for a consent given before.
+    force : bool
+        True if no doubt counts.
+
     Raises
     ------
     Refused
@@ -173,6 +190,8 @@ def suspect(folder: RunFolder, *, designed: bool = True) -> bool:
 
     Parameters
     ----------
+    folder : RunFolder
+        The run folder.
     designed : bool
         The model that the design is of, where there is a design; else the present one.
     """

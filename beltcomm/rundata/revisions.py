@@ -113,6 +113,13 @@ def current_model(folder: RunFolder) -> Model | None:
 def model_named(folder: RunFolder, name: str) -> Model:
     """A model of the run.
 
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    name : str
+        Of its file in ``models/``.
+
     Raises
     ------
     DataError
@@ -189,6 +196,22 @@ def new_revision(
 
     Parameters
     ----------
+    folder : RunFolder
+        The run folder.
+    model : Model
+        Of the axis.
+    change : str
+        "+EFFECT" or "-EFFECT", or in words.
+    ratio : float
+        Error over the noise.
+    held_out : float or None
+        That of the records held out; None without any.
+    confirmed : bool or None
+        True if these confirm it; None without any.
+    command : str
+        Command line, kept as provenance.
+    when : str
+        Date and time, kept as provenance.
     plain : tuple of PlainError | None
         Errors in plain units, fitted and held out.
     """

@@ -71,6 +71,11 @@ def stated_reading(folder: RunFolder) -> StatedReading | None:
 def structure_from_dict(data: Mapping[str, Any]) -> CascadeStructure:
     """The cascade structure from :func:`drive_to_dict`.
 
+    Parameters
+    ----------
+    data : mapping of str to Any
+        Content of ``results/drive.yaml``.
+
     Raises
     ------
     DataError
@@ -96,6 +101,11 @@ def _check_structure(structure: CascadeStructure) -> None:
 
 def parameters_from_dict(data: Mapping[str, Any]) -> dict[str, ParameterObject]:
     """The objects of the drive's parameters from :func:`drive_to_dict`.
+
+    Parameters
+    ----------
+    data : mapping of str to Any
+        Content of ``results/drive.yaml``.
 
     Raises
     ------
@@ -163,6 +173,11 @@ def design_to_dict(design: DesignResult, cascade: Cascade, dead_time_s: float, a
 def cascade_from_dict(data: Mapping[str, Any]) -> Cascade:
     """The controller of a saved design.
 
+    Parameters
+    ----------
+    data : mapping of str to Any
+        Content of ``designs/final.yaml``.
+
     Raises
     ------
     DataError
@@ -179,6 +194,11 @@ def cascade_from_dict(data: Mapping[str, Any]) -> Cascade:
 
 def saved_design(folder: RunFolder) -> dict[str, Any]:
     """``designs/final.yaml``, what is read of it checked.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
 
     Raises
     ------

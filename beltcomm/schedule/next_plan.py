@@ -121,6 +121,10 @@ def plan_for(
 
     Parameters
     ----------
+    twins : sequence of str
+        Effects that the motion does not tell apart.
+    blind : sequence of DetectionLimit
+        Effects that could not be seen.
     named : sequence of str
         Effects that were found.
     already : callable
@@ -246,6 +250,11 @@ def _steps_of(name: str) -> list[Step]:
 
 def load_plan(path: Path) -> NextPlan:
     """A plan from its file, checked.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
 
     Raises
     ------

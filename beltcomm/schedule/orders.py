@@ -83,6 +83,15 @@ class Stroke:
 def sweep_orders(order: str | None, repeat: int | None, mounted_kg: float | None) -> Wanted:
     """Sweeps that options ask for.
 
+    Parameters
+    ----------
+    order : str or None
+        "I" to "VI"; None for the usual sweep.
+    repeat : int or None
+        Times that each is driven; None for once.
+    mounted_kg : float or None, kg
+        Payload; None where nothing is stated.
+
     Raises
     ------
     UsageError
@@ -153,6 +162,17 @@ def strokes_for(
     speeds_m_s: Sequence[float], room_m: float, limits: TrajectoryLimits, axis: Axis
 ) -> tuple[tuple[Stroke, ...], tuple[float, ...]]:
     """Strokes in the order of the speeds, and the speeds for which there is no way.
+
+    Parameters
+    ----------
+    speeds_m_s : sequence of float, m/s
+        Of the carriage.
+    room_m : float, m
+        Way there is.
+    limits : TrajectoryLimits
+        Of the carriage.
+    axis : Axis
+        As its file states it.
 
     Raises
     ------

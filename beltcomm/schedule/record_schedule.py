@@ -113,6 +113,8 @@ def named_steps(steps: Sequence[Step], taken: Collection[str] = ()) -> Iterator[
 
     Parameters
     ----------
+    steps : sequence of Step
+        In their order.
     taken : collection of str
         Names that others have.
     """

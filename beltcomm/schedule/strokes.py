@@ -58,6 +58,12 @@ def sweep_strokes(
 
     Parameters
     ----------
+    at_m, far_m : float, m
+        Ends of the strokes, the first one's start first.
+    limits : TrajectoryLimits
+        Of the carriage.
+    period_s : float, s
+        Of the drive.
     which : Which
         Three of the seven twice, each once, or two of them again, for how well friction repeats.
     speeds_m_s : sequence of float

@@ -24,6 +24,8 @@ def diagnosis_data(found: Diagnosis, before: Plain, after: Plain) -> dict[str, A
 
     Parameters
     ----------
+    found : Diagnosis
+        The diagnosis.
     before, after : Plain
         Errors in plain units, fitted and held out.
     """

@@ -35,6 +35,10 @@ def comparison_screen(comparison: Comparison, places: Sequence[str], notes: Sequ
 
     Parameters
     ----------
+    comparison : Comparison
+        Of the model.
+    places : sequence of str
+        Sentences on where the error stands out.
     notes : sequence of str
         What else to look at.
     doubt : str
@@ -81,6 +85,8 @@ def diagnosis_screen(
 
     Parameters
     ----------
+    found : Diagnosis
+        The diagnosis.
     before, after : Plain
         Errors of the first and of the last model in plain units.
     caveats : sequence of str

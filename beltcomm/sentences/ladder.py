@@ -159,6 +159,10 @@ def after_diagnosis(found: Diagnosis, run: Path, planned: str = "", designs: boo
 
     Parameters
     ----------
+    found : Diagnosis
+        The diagnosis.
+    run : Path
+        Of the run folder.
     planned : str
         The command that makes the records that were planned.
     designs : bool
@@ -198,6 +202,10 @@ def sight_lines(sights: Sequence[DetectionLimit], run: Path, unnamed: Collection
 
     Parameters
     ----------
+    sights : sequence of DetectionLimit
+        Limits of detection.
+    run : Path
+        Of the run folder.
     unnamed : Collection[str]
         Effects that are not named from them, whatever they show.
     planned : bool
@@ -312,6 +320,10 @@ def added_notes(asked: str, effect: str, strays: bool) -> list[str]:
 
     Parameters
     ----------
+    asked : str
+        Name that was given.
+    effect : str
+        Name of the effect that was added.
     strays : bool
         It is a gap that a carriage which strays can do without.
     """
@@ -335,8 +347,16 @@ def change_lines(
     ----------
     was : tuple[Fitted, Plain]
         The model before, and what it left in plain units.
+    model : Model
+        Of the axis.
+    after : Fitted
+        Fit with the change.
+    rung : Revision
+        Revision that was made.
     notes : sequence of str
         Sentences before all else.
+    run : Path
+        Of the run folder.
     beside : sequence of str
         Effects that the last diagnosis names and the model does not have yet.
     """
@@ -423,8 +443,14 @@ def climb_lines(made: Sequence[Revision], named: Sequence[str], held_out: bool, 
 
     Parameters
     ----------
+    made : sequence of Revision
+        Revisions, in their order.
+    named : sequence of str
+        Effects that the diagnosis names.
     held_out : bool
         Whether any record is.
+    run : Path
+        Of the run folder.
     undetermined : Collection[str]
         Effects of which no number is known.
     """

@@ -202,6 +202,10 @@ def lines(recording: Recording, ways: Sequence[LoopReading], slowest: float) -> 
 
     Parameters
     ----------
+    recording : Recording
+        The record.
+    ways : sequence of LoopReading
+        Readings, of this and other records.
     slowest : float
         Least motor speed over base speed in the record.
     """

@@ -119,6 +119,8 @@ def model_text(findings: Findings, *, error: float | None = None, compared: bool
 
     Parameters
     ----------
+    findings : Findings
+        Of a session.
     error : float or None
         Over the noise, as the laboratory has it; the fit's own where nothing is given.
     compared : bool
@@ -267,6 +269,10 @@ def commission_text(folder: RunFolder, findings: Findings, ended: ReportWords | 
 
     Parameters
     ----------
+    folder : RunFolder
+        The run folder.
+    findings : Findings
+        Of a session.
     ended : ReportWords or None
         What the report says of the run; None where there is none yet.
     """

@@ -112,6 +112,10 @@ def said_in(terms: Terms, value: V, *, keys: bool = False) -> V:
 
     Parameters
     ----------
+    terms : Terms
+        Of the axis.
+    value : V
+        In the words of a belt.
     keys : bool
         Single words are for people, too; pictures are told by their marks.
     """

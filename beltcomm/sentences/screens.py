@@ -140,6 +140,8 @@ def model_state(level: float, suspect: bool | None = None) -> tuple[str, str, st
     ----------
     level : float
         Error over the noise.
+    suspect : bool or None
+        None judges by the level alone.
     """
     if error_floor_words(level):
         return tr("NOT JUDGED"), tr("leaves {level:.2f} x the noise, less than noise can leave: not judged", level=level), "note"

@@ -190,6 +190,10 @@ def knowledge_lines(model: Model, along: Sequence[str], which: str) -> list[str]
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
+    along : sequence of str
+        Effects whose torque is sent along.
     which : str
         Sentence on the model, "" for none.
     """
@@ -215,6 +219,10 @@ def verdict_lines(verdict: Verdict, demand: Demand | None, feedforward: str | No
 
     Parameters
     ----------
+    verdict : Verdict, m
+        Of a move.
+    demand : Demand or None
+        Asked of the axis by the move; None where it is not known.
     feedforward : str or None
         What took the place of the design's, if anything.
     """

@@ -82,14 +82,20 @@ def simulate_torque(
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
     torque_nm : ArrayLike, (n,)
         N m at the motor shaft (N for an axis whose first body is the carriage); acts from t[n] to t[n+1].
+    sample_period_s : float, s
+        Sampling period.
     position_m : float, m
         Carriage at the start, at rest in static equilibrium (beltcomm.model.statics.equilibrium); unused with ``state``.
     substeps : int
         Integration steps per sampling period.
     time_s : float, s
         Session clock at the start.
+    state : BodyStates or None
+        Of all bodies at the start; None begins at rest.
 
     Raises
     ------

@@ -133,9 +133,15 @@ def reconstruct(
     position : ndarray (n,), rad, motor shaft
     torque : ndarray, N m
         ndarray (n,) acting from sample n to n+1, or (fine - 1,), mean over each fine step.
+    sample_s : float, s
+        Sampling period.
     inertia : float, kg m², motor side
     start_rad : float, rad
         Absolute motor angle (carriage position over i_t) of the first sample.
+    substeps : int
+        Fine steps per sample.
+    time_s : float, s
+        Session's clock at the first sample.
     load : ndarray (fine,) or None, N m
         As :func:`fine_load` gives it for a first reconstruction; None: taken as smooth.
     within : Intersample or None
@@ -239,6 +245,10 @@ def fine_load(model: Model, motion: FineMotion, vector: Array | None = None, off
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
+    motion : FineMotion
+        True, of a segment.
     vector : ndarray or None
         Replaces ``model.vector()``.
     offset_m : float, m
@@ -368,8 +378,14 @@ def follow_bodies(model: Model, motions: Sequence[FineMotion], vectors: Sequence
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
+    motions : sequence of FineMotion
+        One for each vector.
     vectors : sequence of ndarray
         With one transmission.
+    watches : sequence of ObserverState
+        One for each vector; filled.
     """
     board = switchboard(model.base_bodies, model.effects)
     vectors = [loaded(model, vector, motion.mounted) for motion, vector in zip(motions, vectors, strict=True)]
@@ -435,6 +451,10 @@ def acting_torque(model: Model, motion: FineMotion, torque: Array, vector: Array
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
+    motion : FineMotion
+        Of a segment.
     torque : ndarray (n,), N m
         As reported, held from sample n to n+1.
     vector : ndarray or None
@@ -523,8 +543,14 @@ def as_read(torque: Array, start_nm: float, sample_s: float, lags: Lags) -> Arra
 
     Parameters
     ----------
+    torque : ndarray (n,), N m
+        Motor shaft.
     start_nm : float, N m
         The reading at the first sample that counts, the second: the lag's whole state.
+    sample_s : float, s
+        Sampling period.
+    lags : Lags
+        Laws of the reading with their values.
     """
     if not lags:
         return torque
@@ -548,8 +574,16 @@ def torque_residuals(model: Model, motion: FineMotion, torque: Array, vectors: S
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
+    motion : FineMotion
+        As it was read.
     torque : ndarray (n,), N m
         As reported.
+    vectors : sequence of ndarray (p,) each
+        Values of the parameters.
+    offsets_m : sequence of float, m
+        Of the carriage at the start, one for each vector.
     """
     board, ratio = switchboard(model.base_bodies, model.effects), model.index("transmission.ratio")
     beside = board.in_lanes and not board.sensor and all(p[ratio] == vectors[0][ratio] for p in vectors)

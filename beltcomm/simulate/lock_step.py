@@ -75,6 +75,8 @@ def lock_step(lanes: Sequence[Lane], on: BoolArray, step_s: float) -> None:
 
     Parameters
     ----------
+    lanes : sequence of Lane
+        With motion, parameters and observer.
     on : ndarray of bool
         Effects of the catalogue that are on beyond the motor.
     step_s : float, s

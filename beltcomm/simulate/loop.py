@@ -166,6 +166,12 @@ def close_loop(
 
     Parameters
     ----------
+    plant : Plant
+        It is moved on.
+    cascade : Cascade
+        The controller.
+    drive : LoopDrive
+        Limits and steps of the drive.
     kind : LoopKind
         Which loop is closed; "velocity" leaves the position free.
     position_rad, velocity_rad_s, added_nm : ndarray (n,)

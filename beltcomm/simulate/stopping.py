@@ -174,6 +174,8 @@ def run_on_distance(speed_m_s: Array, torque_nm: float, friction_nm: float, iner
         Of the whole axis at the motor.
     ratio : float
         i_t, m/rad.
+    loss : HostLoss
+        Time for which the torque is held, and braking.
     """
     speed, held_s = np.maximum(speed_m_s, 0.0), loss.held_s
     acceleration = max(ratio * (max(torque_nm, loss.least_nm) - friction_nm) / inertia_kg_m2, 0.0)
@@ -203,6 +205,8 @@ def rigid_deceleration(axis: Axis, mass_kg: float, torque_nm: float, swing: floa
 
     Parameters
     ----------
+    axis : Axis
+        As its file states it.
     mass_kg : float
         Carriage and payload.
     torque_nm : float
@@ -415,11 +419,27 @@ def braked_by_loop(
 
     Parameters
     ----------
+    family : sequence of Model
+        Models that the axis may be.
+    cascade : Cascade
+        The controller.
+    axis : Axis
+        As its file states it.
     speed_m_s : float
         From which it is simulated, and from parts of it: the step at the end of a short ramp comes while the belt still swings from the one
         at its beginning, and along a long ramp a loop has time to catch up.
+    position_m : float, m
+        Carriage on the axis.
+    period_s : float, s
+        T of the controller.
     reaction_s : float
         Until the stop is asked for.
+    delay_s : float, s
+        Of the torque path.
+    torque_limit_nm : float, N m, motor shaft
+        Of the drive.
+    counts_per_rev : int
+        Of the encoder.
     """
     limit = axis.limits.feed_force_n or math.inf
     allowed = [rigid_deceleration(axis, model["cart.mass"], torque_limit_nm).value_m_s2 for model in family]
@@ -548,8 +568,16 @@ def predict_stop_out_of_move(
     ----------
     resting : SimulatedPlant
         Where the axis sets out; it stays there.
+    cascade : Cascade
+        The controller.
+    references : References
+        Of the move, for each run of the loop.
     at : int
         Run of the loop with which the setpoints end, at least 1.
+    drive : LoopDrive
+        Limits and steps of the drive.
+    reaction : StopReaction
+        Of the drive to setpoints that stay away.
 
     Raises
     ------

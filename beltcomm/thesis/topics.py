@@ -100,6 +100,13 @@ def draw_figures(topic: str, study: Any, folder: Path, command: str) -> list[str
 def save_figures(figures: Mapping[str, Figure], folder: Path) -> list[str]:
     """Figures as PNG; their paths.
 
+    Parameters
+    ----------
+    figures : mapping of str to Figure
+        By the names of their files.
+    folder : Path
+        Where they are written; it is made.
+
     Raises
     ------
     UsageError

@@ -59,6 +59,8 @@ def entries(run: Path, *, marks: bool = False) -> Iterable[Mapping[str, Any]]:
 
     Parameters
     ----------
+    run : Path
+        Of the run folder.
     marks : bool
         Lines with ``ANEW``, too.
     """
