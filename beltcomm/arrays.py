@@ -14,11 +14,33 @@ Column = NDArray[Any]
 
 
 def robust_deviation(values: Array) -> float:
-    """Standard deviation of normal numbers about 0, by the median of their sizes."""
+    """Standard deviation of normal numbers about 0, by the median of their sizes.
+
+    Parameters
+    ----------
+    values : ndarray (n,)
+        Of any unit.
+
+    Returns
+    -------
+    float
+        1.4826 times the median of their sizes, in their unit.
+    """
     return 1.4826 * float(np.median(np.abs(values)))
 
 
 def runs_of(mask: BoolArray) -> list[tuple[int, int]]:
-    """First row, and the row behind the last, of each run of True."""
+    """First row, and the row behind the last, of each run of True.
+
+    Parameters
+    ----------
+    mask : ndarray of bool (n,)
+        Of the rows.
+
+    Returns
+    -------
+    list of tuple of int
+        In their order.
+    """
     edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8)))
     return [(int(begin), int(end)) for begin, end in edges.reshape(-1, 2)]

@@ -21,10 +21,25 @@ _DRAFT = re.compile(r"\.beltcomm-(\d+)-[0-9a-f]{8}\.tmp")
 
 @contextmanager
 def replacing(path: Path) -> Iterator[BinaryIO]:
-    """A file to write into, which becomes ``path`` when the block has ended and its bytes are on the disk.   Raises OSError.
+    """A file to write into, which becomes ``path`` when the block has ended and its bytes are on the disk.
 
     What a killed process left beside it of a file on its way is taken away.  What is no file, as a pipe or a terminal, is written into
     directly; a pipe that nobody reads is none.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+
+    Yields
+    ------
+    BinaryIO
+        Open for bytes.
+
+    Raises
+    ------
+    OSError
+        When it cannot be written; what stood there stays.
     """
     if path.exists() and not path.is_file():
         with os.fdopen(_unwaited(path, os.O_WRONLY), "wb") as stream:
@@ -46,7 +61,23 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
 
 
 def appending(path: Path) -> int:
-    """Number of a file opened to be grown line by line, made where it is not there.   Raises OSError for a link, a pipe or a device."""
+    """Number of a file opened to be grown line by line, made where it is not there.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+
+    Returns
+    -------
+    int
+        File descriptor, for the caller to close.
+
+    Raises
+    ------
+    OSError
+        Also for a link, a pipe or a device.
+    """
     number = _unwaited(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0))
     if not stat.S_ISREG(os.fstat(number).st_mode):
         os.close(number)
@@ -55,7 +86,20 @@ def appending(path: Path) -> int:
 
 
 def append_line(path: Path, text: str) -> None:
-    """A line behind the last one of a file, which ends where a power cut has torn it.   Raises OSError as :func:`appending`."""
+    """A line behind the last one of a file, which ends where a power cut has torn it.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+    text : str
+        Without its end of line.
+
+    Raises
+    ------
+    OSError
+        As :func:`appending`.
+    """
     with os.fdopen(appending(path), "a+b") as file:
         if file.seek(0, os.SEEK_END):
             file.seek(-1, os.SEEK_END)
@@ -73,13 +117,32 @@ def _unwaited(path: Path, flags: int) -> int:
 
 
 def write(path: Path, data: bytes) -> None:
-    """Write a file.   Raises OSError."""
+    """Write a file: whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+    data : bytes
+        All of its content.
+
+    Raises
+    ------
+    OSError
+        When it cannot be written; what stood there stays.
+    """
     with replacing(path) as file:
         file.write(data)
 
 
 def sync(folder: Path) -> None:
-    """Have what was renamed in a folder outlive a power cut, where the system can do that."""
+    """Have what was renamed in a folder outlive a power cut, where the system can do that.
+
+    Parameters
+    ----------
+    folder : Path
+        In which a file was renamed.
+    """
     with contextlib.suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)
         try:
@@ -89,12 +152,29 @@ def sync(folder: Path) -> None:
 
 
 def is_draft(name: str) -> bool:
-    """True if this is the name of a file on its way."""
+    """True if this is the name of a file on its way.
+
+    Parameters
+    ----------
+    name : str
+        Of a file, without its folder.
+
+    Returns
+    -------
+    bool
+        By its form alone.
+    """
     return _DRAFT.fullmatch(name) is not None
 
 
 def sweep(folder: Path) -> None:
-    """Take away what killed processes have left of files on their way, in a folder and the ones inside it."""
+    """Take away what killed processes have left of files on their way, in a folder and the ones inside it.
+
+    Parameters
+    ----------
+    folder : Path
+        With all folders inside it.
+    """
     for place in (folder, *_folders(folder)):
         _take_away_drafts(place)
 

@@ -27,23 +27,52 @@ _SPELLED = (
 
 
 def for_terminal(text: str) -> str:
-    """Text in which what a terminal would obey is shown: ``\\x1b`` in place of an escape."""
+    """Text in which what a terminal would obey is shown: ``\\x1b`` in place of an escape.
+
+    Parameters
+    ----------
+    text : str
+        Of any origin.
+    """
     return _OBEYED.sub(lambda found: found[0].encode("unicode_escape", "surrogatepass").decode(), text)
 
 
 def for_html(text: str) -> str:
-    """A whole page or a part of it, whose markup stands already: what is obeyed is shown as a box with a question mark."""
+    """A whole page or a part of it, whose markup stands already: what is obeyed is shown as a box with a question mark.
+
+    Parameters
+    ----------
+    text : str
+        Markup, its values escaped already.
+    """
     return _OBEYED.sub("\N{REPLACEMENT CHARACTER}", text)
 
 
 def for_json(data: Any) -> str:
-    """One line of JSON that any program reads and any terminal shows.   Raises ValueError for nan."""
+    """One line of JSON that any program reads and any terminal shows.
+
+    Parameters
+    ----------
+    data : Any
+        Plain values.
+
+    Raises
+    ------
+    ValueError
+        For nan and infinity.
+    """
     text = json.dumps(data, ensure_ascii=False, allow_nan=False)
     return _OBEYED.sub(lambda found: json.dumps(found[0])[1:-1], text)
 
 
 def for_comment(text: str) -> str:
-    """Text that can stand in a comment of C and of structured text: ASCII, one line, neither kind's delimiters."""
+    """Text that can stand in a comment of C and of structured text: ASCII, one line, neither kind's delimiters.
+
+    Parameters
+    ----------
+    text : str
+        Of any origin.
+    """
     for special, plain in _SPELLED:
         text = text.replace(special, plain)
     text = " ".join(for_terminal(" ".join(text.split())).encode("ascii", "backslashreplace").decode().split())
@@ -53,7 +82,23 @@ def for_comment(text: str) -> str:
 
 
 def spelled(error: UnicodeError) -> tuple[str, int]:
-    """For ``codecs.register_error``: what a character set has no letter for, in letters that every one has; JSON stays JSON."""
+    """For ``codecs.register_error``: what a character set has no letter for, in letters that every one has; JSON stays JSON.
+
+    Parameters
+    ----------
+    error : UnicodeError
+        Of a text that is being encoded.
+
+    Returns
+    -------
+    tuple of str and int
+        The letters in its place, and where encoding goes on.
+
+    Raises
+    ------
+    UnicodeError
+        The error itself, when it is not one of encoding.
+    """
     if not isinstance(error, UnicodeEncodeError):
         raise error
     plain = dict(_SPELLED)
@@ -61,7 +106,13 @@ def spelled(error: UnicodeError) -> tuple[str, int]:
 
 
 def for_archive(name: str) -> str:
-    """The name of a file inside a zip, without what is obeyed, bytes that are no text, and what another system takes for a folder."""
+    """The name of a file inside a zip, without what is obeyed, bytes that are no text, and what another system takes for a folder.
+
+    Parameters
+    ----------
+    name : str
+        Of the file, with folders.
+    """
     return _NOT_PACKED.sub(lambda found: quote(found[0], errors="surrogatepass"), name)
 
 
@@ -70,6 +121,8 @@ def for_file_name(text: str, otherwise: str, gap: str = "-") -> str:
 
     Parameters
     ----------
+    text : str
+        Of any origin.
     otherwise : str
         Where nothing is left.
     gap : str

@@ -20,14 +20,26 @@ _listeners: list[Callable[[str], object]] = []
 
 
 def listen(say: Callable[[str], object]) -> None:
-    """From now on, and what there has been to say so far: that something was made again, or cannot be kept; each once."""
+    """From now on, and what there has been to say so far: that something was made again, or cannot be kept; each once.
+
+    Parameters
+    ----------
+    say : callable
+        Gets every line.
+    """
     _listeners.append(say)
     for line in _said:
         say(line)
 
 
 def tell(line: str) -> None:
-    """Say it once."""
+    """Say a line to all that listen, once.
+
+    Parameters
+    ----------
+    line : str
+        A sentence.
+    """
     if line not in _said:
         _said.append(line)
         for say in _listeners:
@@ -35,7 +47,20 @@ def tell(line: str) -> None:
 
 
 def found(path: Path, key: str) -> dict[str, Any] | None:
-    """Content kept under this key; None for nothing, or another one's, or what cannot be read, which is thrown away and said."""
+    """Content kept under this key; None for nothing, or another one's, or what cannot be read, which is thrown away and said.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+    key : str
+        Of what was asked: another one's content is not used.
+
+    Returns
+    -------
+    dict of str to Any or None
+        Without more checks than that.
+    """
     try:
         content: dict[str, Any] = outside.read_json(path)
         return content if content["key"] == key else None
@@ -49,14 +74,30 @@ def found(path: Path, key: str) -> dict[str, Any] | None:
 
 
 def damaged(path: Path) -> None:
-    """Throw away what is no more than a cache."""
+    """Throw away what is no more than a cache.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+    """
     tell(f"{path} is damaged; it is thrown away and made again.")
     with suppress(OSError):  # made again it is all the same
         path.unlink(missing_ok=True)
 
 
 def keep(path: Path, key: str, content: Mapping[str, Any]) -> None:
-    """Keep it under a key, where that is possible; where it is not, results are the same."""
+    """Keep content under a key, where that is possible; where it is not, results are the same.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file; its folder is made.
+    key : str
+        Of what was asked.
+    content : mapping of str to Any
+        Plain values for JSON.
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         atomic.write(path, json.dumps({"key": key, **content}).encode() + b"\n")
@@ -65,7 +106,17 @@ def keep(path: Path, key: str, content: Mapping[str, Any]) -> None:
 
 
 def keep_newest(folder: Path, pattern: str, most: int) -> None:
-    """Leave so many of the files of a pattern, those written last; another process may do the same meanwhile."""
+    """Leave so many of the files of a pattern, those written last; another process may do the same meanwhile.
+
+    Parameters
+    ----------
+    folder : Path
+        Not searched deeper.
+    pattern : str
+        Of file names, as for ``glob``.
+    most : int
+        That are left.
+    """
     written: dict[Path, float] = {}
     for path in folder.glob(pattern):
         with suppress(OSError):

@@ -32,6 +32,16 @@ def compiled(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
     The machine code is kept beside the source, or in the user's cache where the package is read-only.  Where neither can be
     written it lives as long as the process.
+
+    Parameters
+    ----------
+    function : callable
+        Of numbers and arrays.
+
+    Returns
+    -------
+    callable
+        The same call, compiled when it is first called.
     """
     return cast("Callable[_P, _R]", _kept(numba.njit(**_FROM_PYTHON)(function)))
 
@@ -45,7 +55,18 @@ def within_kernels(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
 
 def inlined(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Compile what is written out wherever it is called: with sizes that are known there, every step of its loops is laid out."""
+    """Compile what is written out wherever it is called: with sizes that are known there, every step of its loops is laid out.
+
+    Parameters
+    ----------
+    function : callable
+        For compiled callers only.
+
+    Returns
+    -------
+    callable
+        It has no way in from Python.
+    """
     return cast("Callable[_P, _R]", numba.njit(**_NO_WAY_IN, error_model="numpy", fastmath={"contract"}, forceinline=True)(function))
 
 
@@ -53,12 +74,33 @@ def in_lanes(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """Compile loops over neighbours that do not know each other: no test for a division by zero, multiply and add in one.
 
     With the test the compiler cannot put the neighbours into one register.
+
+    Parameters
+    ----------
+    function : callable
+        Of numbers and arrays.
+
+    Returns
+    -------
+    callable
+        The same call.
     """
     return cast("Callable[_P, _R]", _kept(numba.njit(**_LANES)(function)))
 
 
 def within_lanes(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Compile what loops in lanes alone call, see :func:`within_kernels`."""
+    """Compile what loops in lanes alone call, see :func:`within_kernels`.
+
+    Parameters
+    ----------
+    function : callable
+        For compiled callers only.
+
+    Returns
+    -------
+    callable
+        It has no way in from Python.
+    """
     return cast("Callable[_P, _R]", numba.njit(**_NO_WAY_IN, error_model="numpy", fastmath={"contract"})(function))
 
 
@@ -109,6 +151,16 @@ def in_one_thread(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
     Its matrices are small: threads that wait for each other took as much time as all the rest of a diagnosis, and the last digits of
     a sum depended on how many there were.
+
+    Parameters
+    ----------
+    function : callable
+        Of any signature.
+
+    Returns
+    -------
+    callable
+        The same call.
     """
 
     @wraps(function)

@@ -68,12 +68,29 @@ def find_config(kind: str, name: str) -> Path:
 
 
 def named_file(name: str) -> bool:
-    """True if a name means a file of the user's and no shipped one."""
+    """True if a name means a file of the user's and no shipped one.
+
+    Parameters
+    ----------
+    name : str
+        As the user gave it.
+
+    Returns
+    -------
+    bool
+        By a separator or the ending of a YAML file.
+    """
     return "/" in name or os.sep in name or name.endswith((".yaml", ".yml"))
 
 
 def config_names(kind: str) -> list[str]:
-    """Names of the shipped files of one kind, sorted."""
+    """Names of the shipped files of one kind, sorted.
+
+    Parameters
+    ----------
+    kind : str
+        Folder of ``configs``: "axes", "drives", "plants" and so on.
+    """
     return sorted({path.stem for folder in CONFIG_FOLDERS for path in (folder / kind).glob("*.yaml")})
 
 
@@ -82,6 +99,10 @@ def did_you_mean(word: str, known: Iterable[str], likeness: float = 0.6) -> str:
 
     Parameters
     ----------
+    word : str
+        That was given.
+    known : iterable of str
+        All that it could be.
     likeness : float
         0 to 1, share of matching letters from which on a word counts (``difflib.SequenceMatcher.ratio``).
     """
@@ -169,6 +190,18 @@ def read_yaml(path: Path, failure: type[BeltcommError] = UsageError) -> dict[str
 
     Raises ``failure`` for a file that cannot be read (see :mod:`beltcomm.outside`), is not UTF-8 or not YAML, holds one key twice, more
     than any settings do, or no mapping.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+    failure : type of BeltcommError
+        Raised for what cannot be used.
+
+    Returns
+    -------
+    dict of str to Any
+        Keys as text.
     """
     try:
         text = _text_of(path, failure)
@@ -223,6 +256,8 @@ def line_of(path: Path, keys: tuple[str, ...]) -> int:
 
     Parameters
     ----------
+    path : Path
+        Of the file.
     keys : tuple of str
         From the outermost.
     """
@@ -247,18 +282,45 @@ def to_yaml(mapping: Mapping[str, Any]) -> str:
     """YAML text of plain values (text, numbers, lists, mappings, numpy scalars and arrays); floats come back exactly.
 
     Raises TypeError for a value that is none of these.
+
+    Parameters
+    ----------
+    mapping : mapping of str to Any
+        Plain values.
     """
     return yaml.dump(_plain(mapping), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120)
 
 
 def sealed(mapping: Mapping[str, Any]) -> dict[str, Any]:
-    """The mapping with a checksum, by which an edit made since shows.  It is no signature: whoever wants to can compute it anew."""
+    """The mapping with a checksum, by which an edit made since shows.  It is no signature: whoever wants to can compute it anew.
+
+    Parameters
+    ----------
+    mapping : mapping of str to Any
+        Plain values.
+
+    Returns
+    -------
+    dict of str to Any
+        With an entry more.
+    """
     content = _plain(mapping)
     return {**content, CHECKSUM: _checksum(content)}
 
 
 def unsealed(mapping: Mapping[str, Any]) -> tuple[dict[str, Any], bool]:
-    """The mapping without its checksum, and whether it is as :func:`sealed` left it; one without a checksum is not."""
+    """The mapping without its checksum, and whether it is as :func:`sealed` left it; one without a checksum is not.
+
+    Parameters
+    ----------
+    mapping : mapping of str to Any
+        As read.
+
+    Returns
+    -------
+    tuple of dict of str to Any and bool
+        Its content, and True where it matches its checksum.
+    """
     content = {key: value for key, value in mapping.items() if key != CHECKSUM}
     try:
         return content, mapping.get(CHECKSUM) == _checksum(_plain(content))
@@ -275,6 +337,8 @@ def write_text(path: Path, text: str | Iterable[str]) -> None:
 
     Parameters
     ----------
+    path : Path
+        Of the file.
     text : str or Iterable[str]
         Or pieces of it, of which only one is in memory.
 
@@ -310,7 +374,13 @@ def _plain(value: Any) -> Any:
 
 
 def without_halves(text: str) -> str:
-    """The text with what no file can hold, halves of characters out of names that are no UTF-8, shown as replaced."""
+    """The text with what no file can hold, halves of characters out of names that are no UTF-8, shown as replaced.
+
+    Parameters
+    ----------
+    text : str
+        Of any origin.
+    """
     return _HALVES.sub("\N{REPLACEMENT CHARACTER}", text)
 
 

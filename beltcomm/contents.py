@@ -163,6 +163,8 @@ def check_content(what: str, content: Mapping[str, Any], path: Path) -> None:
     ----------
     what : str
         A name in :data:`TYPES`, of a result with or without its number; a file of another name may hold anything.
+    content : mapping of str to Any
+        As it was read.
     path : Path
         Of the file, for the sentence.
     """

@@ -90,12 +90,16 @@ def demo(run: Path, *, seed: int, talk: Talk | None = None) -> Iterator[DemoStep
 
     Parameters
     ----------
+    run : Path
+        Of the run folder, which is made.
     seed : int
         Of the fault.
+    talk : Talk or None
+        Hears progress; None says nothing.
     """
     talk = _Progress(talk or Silence())
     name, model = hidden(seed)
-    machine = plant_of(run, model)
+    machine = _plant_of(run, model)
     drive = f"virtual:{machine}"
     api.identify(drive, AXIS, run, options=_options(model, seed), talk=talk)
     yield DemoStep(
@@ -151,7 +155,7 @@ def demo(run: Path, *, seed: int, talk: Talk | None = None) -> Iterator[DemoStep
     yield DemoStep("", tr("What was hidden"), answer(name, model, added), {"hidden": name, "named": list(added), "right": name in added})
 
 
-def plant_of(run: Path, model: Model) -> Path:
+def _plant_of(run: Path, model: Model) -> Path:
     """The machine with the fault, as a plant file beside its run: what is recorded or verified later is recorded on it, too.
 
     Raises UsageError where it cannot be written.   That of a run that is there already stays as it is.

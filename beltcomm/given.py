@@ -31,6 +31,8 @@ def place(value: Place, what: str = "run folder") -> Path:
 
     Parameters
     ----------
+    value : Place
+        As it was given.
     what : str
         Is meant by it.
 
@@ -54,6 +56,13 @@ def place(value: Place, what: str = "run folder") -> Path:
 def places(values: Place | Iterable[Place], what: str = "run folder") -> list[Path]:
     """Several paths; a single one counts as one and not as its letters.
 
+    Parameters
+    ----------
+    values : Place or iterable of Place
+        As they were given.
+    what : str
+        Is meant by each.
+
     Raises
     ------
     UsageError
@@ -67,6 +76,15 @@ def places(values: Place | Iterable[Place], what: str = "run folder") -> list[Pa
 
 def number(value: object, what: str, unit: str) -> float:
     """A finite number.
+
+    Parameters
+    ----------
+    value : object
+        As it was given.
+    what : str
+        Is meant by it.
+    unit : str
+        For the sentence; "" for none.
 
     Raises
     ------
@@ -86,6 +104,13 @@ def number(value: object, what: str, unit: str) -> float:
 def whole(value: object, what: str) -> int:
     """A whole number.
 
+    Parameters
+    ----------
+    value : object
+        As it was given.
+    what : str
+        Is meant by it.
+
     Raises
     ------
     UsageError
@@ -98,6 +123,13 @@ def whole(value: object, what: str) -> int:
 def word(value: object, what: str) -> str:
     """A text that is not empty.
 
+    Parameters
+    ----------
+    value : object
+        As it was given.
+    what : str
+        Is meant by it.
+
     Raises
     ------
     UsageError
@@ -108,7 +140,22 @@ def word(value: object, what: str) -> str:
 
 
 def choice(value: object, what: str, known: Sequence[str]) -> None:
-    """Raise UsageError for a value that is none of those known."""
+    """Refuse a value that is none of those known.
+
+    Parameters
+    ----------
+    value : object
+        As it was given.
+    what : str
+        Its name, as the sentence begins.
+    known : sequence of str
+        All that may be chosen.
+
+    Raises
+    ------
+    UsageError
+        With the nearest one and all others.
+    """
     if value not in known:
         near = get_close_matches(str(value), known, n=1)
         raise UsageError(f"{what} is {value!r}{f', did you mean {near[0]!r}?' if near else ''}; choose one of {', '.join(known)}")
@@ -131,7 +178,13 @@ class Reached(str):
 
 
 def pasted(value: object) -> str:
-    """A path or a drive as a terminal takes it: in quotes where it has blanks and the like, and never like an option."""
+    """A path or a drive as a terminal takes it: in quotes where it has blanks and the like, and never like an option.
+
+    Parameters
+    ----------
+    value : object
+        Path, text, or an address with options.
+    """
     text = str(value)
     quoted = shlex.quote(f"./{text}" if text.startswith("-") else text)
     return f"{quoted} {value.options}" if isinstance(value, Reached) and value.options else quoted
@@ -139,6 +192,15 @@ def pasted(value: object) -> str:
 
 def may_write(file: Path, yes: bool, talk: Talk) -> None:
     """Ask before a file is overwritten, unless told not to.
+
+    Parameters
+    ----------
+    file : Path
+        To be written.
+    yes : bool
+        True for a consent given before.
+    talk : Talk
+        Hears progress and answers questions.
 
     Raises
     ------

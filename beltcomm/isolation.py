@@ -29,7 +29,18 @@ _LISTS = ("PATH", "PYTHONPATH")
 
 
 def start(command: Sequence[str]) -> subprocess.Popen[bytes]:
-    """A process beside this one that reads and says nothing.   Raises OSError."""
+    """A process beside this one that reads and says nothing.
+
+    Parameters
+    ----------
+    command : sequence of str
+        Program and words.
+
+    Raises
+    ------
+    OSError
+        When it cannot be started.
+    """
     quiet = subprocess.DEVNULL
     return subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet, env=environment())
 
@@ -39,6 +50,8 @@ def piped(command: Sequence[str], **variables: str) -> subprocess.Popen[bytes]:
 
     Parameters
     ----------
+    command : sequence of str
+        Program and words.
     variables : str
         Of its environment.
 
@@ -51,7 +64,18 @@ def piped(command: Sequence[str], **variables: str) -> subprocess.Popen[bytes]:
 
 
 def session(command: Sequence[str]) -> subprocess.Popen[bytes]:
-    """A process whose words come through one pipe as they are said; a Ctrl-C here does not reach it.   Raises OSError."""
+    """A process whose words come through one pipe as they are said; a Ctrl-C here does not reach it.
+
+    Parameters
+    ----------
+    command : sequence of str
+        Program and words.
+
+    Raises
+    ------
+    OSError
+        When it cannot be started.
+    """
     return subprocess.Popen(
         command,
         stdin=subprocess.DEVNULL,
@@ -63,13 +87,41 @@ def session(command: Sequence[str]) -> subprocess.Popen[bytes]:
 
 
 def run(command: Sequence[str], limit_s: float) -> subprocess.CompletedProcess[bytes]:
-    """A process and what it says.   Raises OSError, subprocess.TimeoutExpired when it does not end in time."""
+    """A process and what it says.
+
+    Parameters
+    ----------
+    command : sequence of str
+        Program and words.
+    limit_s : float, s
+        In which it ends.
+
+    Returns
+    -------
+    CompletedProcess of bytes
+        With its exit code, whatever that is.
+
+    Raises
+    ------
+    OSError
+        When it cannot be started.
+    subprocess.TimeoutExpired
+        When it does not end in time.
+    """
     quiet = subprocess.DEVNULL
     return subprocess.run(command, stdin=quiet, capture_output=True, timeout=limit_s, env=environment(), check=False)
 
 
 def beside(target: Callable[..., None], *given: object) -> tuple[BaseProcess, Connection]:
-    """A process of this program that runs ``target(*given, pipe)``, and the other end of the pipe; it ends with this one."""
+    """A process of this program that runs ``target(*given, pipe)``, and the other end of the pipe; it ends with this one.
+
+    Parameters
+    ----------
+    target : callable
+        Importable by its name; gets the pipe last.
+    *given : object
+        Values that can be pickled.
+    """
     import multiprocessing
 
     context = multiprocessing.get_context("spawn")
@@ -82,7 +134,15 @@ def beside(target: Callable[..., None], *given: object) -> tuple[BaseProcess, Co
 
 
 def python(module: str, *words: str) -> list[str]:
-    """The command that runs a module of this program in a process of its own, with the packages that are found here."""
+    """The command that runs a module of this program in a process of its own, with the packages that are found here.
+
+    Parameters
+    ----------
+    module : str
+        Full name.
+    *words : str
+        Of its command line.
+    """
     return [sys.executable, "-P", "-c", _BEGIN, json.dumps(_search_path()), module, *words]
 
 
@@ -112,6 +172,8 @@ def apart(folder: Path, *without: str) -> Iterator[None]:
 
     Parameters
     ----------
+    folder : Path
+        Of the package.
     without : str
         Variables of the environment that are not there meanwhile.
     """

@@ -23,6 +23,12 @@ def append(folder: Path, line: str, event: Event, at: str) -> None:
 
     Parameters
     ----------
+    folder : Path
+        Of the run.
+    line : str
+        A sentence.
+    event : Event
+        Kind of it, for programs.
     at : str
         When, "" where nobody knows.
 
@@ -39,6 +45,11 @@ def append(folder: Path, line: str, event: Event, at: str) -> None:
 def lines_of(folder: Path) -> list[str]:
     """Lines of the journal; nothing where there is none.
 
+    Parameters
+    ----------
+    folder : Path
+        Of the run.
+
     Raises
     ------
     DataError
@@ -52,7 +63,18 @@ def lines_of(folder: Path) -> list[str]:
 
 
 def events_of(folder: Path) -> list[str]:
-    """Events in the lines of the journal; a line that a power cut has torn is a note.   Nothing where it cannot be read."""
+    """Events in the lines of the journal; a line that a power cut has torn is a note.   Nothing where it cannot be read.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the run.
+
+    Returns
+    -------
+    list of str
+        One for each line.
+    """
     try:
         lines = read_text(folder / EVENTS, KEPT_BYTES, errors="replace").splitlines()
     except (OSError, DataError):

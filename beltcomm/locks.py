@@ -56,6 +56,8 @@ def take(path: Path, refusal: Callable[[str], str], waiting: Callable[[str], obj
 
     Parameters
     ----------
+    path : Path
+        Of the file.
     refusal : callable
         The sentence for a lock that is held, from the words for who holds it.
     waiting : callable
@@ -94,6 +96,10 @@ def occupied(
 
     Parameters
     ----------
+    folder : Path
+        Of the run.
+    talk : Talk
+        Hears progress and answers questions.
     refusal : callable
         The sentence where somebody else is in it; None waits, which is said.
     session : bool
@@ -108,7 +114,7 @@ def occupied(
     key = (os.path.realpath(folder), threading.get_ident())
     hold = _holds.get(key)
     if hold is None:
-        refuse_links(folder)
+        _refuse_links(folder)
         hold = _holds[key] = _Hold(_folder_lock(folder, talk, refusal, unwritable))
         if hold.lock is not None:
             atomic.sweep(folder)
@@ -129,7 +135,13 @@ def occupied(
 
 
 def is_occupied(folder: Path) -> bool:
-    """True if another command is in a folder now; what a killed one left is no command."""
+    """True if another command is in a folder now; what a killed one left is no command.
+
+    Parameters
+    ----------
+    folder : Path
+        Of a run.
+    """
     import filelock
 
     path = folder / NAME
@@ -174,11 +186,19 @@ def changes_run(*, waits: bool = True) -> Callable[[Callable[_P, _R]], Callable[
 
 
 def at_work(folder: Path, holder: str) -> str:
-    """The sentence for a run in which another session is."""
+    """The sentence for a run in which another session is.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the run.
+    holder : str
+        In words.
+    """
     return f"another session is at work in {folder} ({holder}); wait for its end, or choose another folder"
 
 
-def refuse_links(folder: Path) -> None:
+def _refuse_links(folder: Path) -> None:
     """Raise UsageError where a command would write through a link out of a folder, or into a pipe or folder instead of a file."""
     with suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
@@ -189,7 +209,18 @@ def refuse_links(folder: Path) -> None:
 
 
 def link_refused(path: Path) -> UsageError:
-    """For a link inside a folder that is to be written into."""
+    """Error for a link inside a folder that is to be written into.
+
+    Parameters
+    ----------
+    path : Path
+        The link.
+
+    Returns
+    -------
+    UsageError
+        To be raised.
+    """
     return UsageError(
         f"{path} is a link to {os.path.realpath(path)}; nothing is written through links inside a run. Put what it points to in its place"
     )

@@ -33,12 +33,18 @@ _DIGEST = hashlib.sha256().digest_size
 
 
 def kept(dispatcher: Any) -> None:
-    """Have the machine code of a compiled function kept, where there is a place for it."""
+    """Have the machine code of a compiled function kept, where there is a place for it.
+
+    Parameters
+    ----------
+    dispatcher : Any
+        Of numba.
+    """
     with contextlib.suppress(RuntimeError):  # in memory then, as long as the process lives
         dispatcher._cache = _Cache(dispatcher.py_func)
 
 
-def user_folder() -> Path:
+def _user_folder() -> Path:
     """Folder for machine code that cannot stand beside its source."""
     return user_cache_path("beltcomm") / "machine_code"
 
@@ -56,13 +62,13 @@ class _Place:
             return None
         given, beside = os.environ.get("NUMBA_CACHE_DIR"), os.path.dirname(source)
         apart = f"{os.path.basename(beside)}_{hashlib.sha256(beside.encode()).hexdigest()[:20]}"
-        for folder in [os.path.join(given, apart)] if given else [os.path.join(beside, "__pycache__"), str(user_folder() / apart)]:
+        for folder in [os.path.join(given, apart)] if given else [os.path.join(beside, "__pycache__"), str(_user_folder() / apart)]:
             found = cls(function, source, folder)
             with contextlib.suppress(OSError):
                 found.ensure_cache_path()
                 return found
         tell(
-            f"Machine code cannot be kept, for {given or user_folder()} cannot be written: each command compiles anew; "
+            f"Machine code cannot be kept, for {given or _user_folder()} cannot be written: each command compiles anew; "
             "make room there, or set XDG_CACHE_HOME to a folder that can be written."
         )
         return None

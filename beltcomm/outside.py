@@ -38,8 +38,12 @@ def opened(
 
     Parameters
     ----------
+    path : Path
+        Of the file.
     most : int
         Bytes.
+    failure : type of BeltcommError
+        Raised for what is not read.
     within : Path or None
         The folder that a link may not lead out of; None: the one in which it stands.
 
@@ -71,7 +75,24 @@ def opened(
 
 
 def read_bytes(path: Path, most: int = SETTINGS_BYTES, failure: type[BeltcommError] = DataError, *, within: Path | None = None) -> bytes:
-    """All bytes of a file, see :func:`opened`."""
+    """All bytes of a file, see :func:`opened`.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+    most : int, bytes
+        That are read.
+    failure : type of BeltcommError
+        Raised for what is not read.
+    within : Path or None
+        Folder that the file must not lead out of.
+
+    Raises
+    ------
+    OSError
+        When it cannot be opened.
+    """
     with opened(path, most, failure, within=within) as file:
         return file.read(most)
 
@@ -81,6 +102,12 @@ def read_text(path: Path, most: int = SETTINGS_BYTES, failure: type[BeltcommErro
 
     Parameters
     ----------
+    path : Path
+        Of the file.
+    most : int, bytes
+        That are read.
+    failure : type of BeltcommError
+        Raised for what is not read.
     errors : str
         As of ``bytes.decode``. Raises ``failure`` for other text, too.
     """
@@ -91,12 +118,36 @@ def read_text(path: Path, most: int = SETTINGS_BYTES, failure: type[BeltcommErro
 
 
 def read_json(path: Path) -> Any:
-    """Content of a JSON file.   Raises OSError, DataError as :func:`opened`, and ValueError for whatever is wrong with the text."""
+    """Content of a JSON file.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+
+    Raises
+    ------
+    OSError, DataError
+        As :func:`opened`.
+    ValueError
+        For whatever is wrong with the text.
+    """
     return from_json(read_bytes(path, KEPT_BYTES))
 
 
 def from_json(text: str | bytes) -> Any:
-    """Content of a JSON text.   Raises ValueError, also for one that is nested deeper than this program can follow."""
+    """Content of a JSON text.
+
+    Parameters
+    ----------
+    text : str or bytes
+        UTF-8 where it is bytes.
+
+    Raises
+    ------
+    ValueError
+        Also for one that is nested deeper than this program can follow.
+    """
     try:
         return json.loads(text)
     except RecursionError as error:
@@ -104,7 +155,18 @@ def from_json(text: str | bytes) -> Any:
 
 
 def sha256_of(path: Path) -> str:
-    """SHA-256 of a file's bytes in hexadecimal digits, however large it is.   Raises as :func:`opened`."""
+    """SHA-256 of a file's bytes in hexadecimal digits, however large it is.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+
+    Raises
+    ------
+    OSError, DataError
+        As :func:`opened`.
+    """
     with opened(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -112,7 +174,24 @@ def sha256_of(path: Path) -> str:
 def blocks(path: Path, most: int = MEASURED_BYTES) -> Iterator[bytes]:
     """The bytes of a file piece by piece, a gzip file's unpacked.
 
-    Raises OSError, EOFError and zlib.error for what cannot be read, DataError when there are more than ``most``, see :func:`opened`.
+    Parameters
+    ----------
+    path : Path
+        Of the file, packed or not.
+    most : int, bytes
+        Of what it unpacks to.
+
+    Yields
+    ------
+    bytes
+        Pieces in their order.
+
+    Raises
+    ------
+    OSError, EOFError, zlib.error
+        For what cannot be read.
+    DataError
+        When there are more than ``most``, see :func:`opened`.
     """
     with opened(path, most) as file:
         packed = file.read(2) == b"\x1f\x8b"
@@ -127,7 +206,22 @@ def blocks(path: Path, most: int = MEASURED_BYTES) -> Iterator[bytes]:
 
 
 def text_blocks(path: Path, encoding: str, errors: str = "strict") -> Iterator[str]:
-    """Blocks of text that end at the ends of lines.   Raises UnicodeDecodeError, and DataError for a line beyond any."""
+    """Text of a file in blocks that end at the ends of lines.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file, packed or not.
+    encoding, errors : str
+        As for ``bytes.decode``.
+
+    Raises
+    ------
+    UnicodeDecodeError
+        For bytes that are no text.
+    DataError
+        For a line beyond any.
+    """
     decoder = codecs.getincrementaldecoder(encoding)(errors)
     rest = ""
     for block in blocks(path):
@@ -145,7 +239,20 @@ def text_blocks(path: Path, encoding: str, errors: str = "strict") -> Iterator[s
 
 
 def check_columns(file: str, count: int) -> None:
-    """Raise DataError for more columns than any measurement has."""
+    """Refuse more columns than any measurement has.
+
+    Parameters
+    ----------
+    file : str
+        Name, for the sentence.
+    count : int
+        Of its columns.
+
+    Raises
+    ------
+    DataError
+        For more than ``MOST_COLUMNS``.
+    """
     if count > MOST_COLUMNS:
         raise DataError(
             f"{file} has {count} columns, at most {MOST_COLUMNS} are read; export the signals that are needed: time, torque, position"
@@ -153,7 +260,20 @@ def check_columns(file: str, count: int) -> None:
 
 
 def check_count(file: str, rows: int, columns: int) -> None:
-    """Raise DataError for more values than are taken into memory."""
+    """Refuse more values than are taken into memory.
+
+    Parameters
+    ----------
+    file : str
+        Name, for the sentence.
+    rows, columns : int
+        Of its table.
+
+    Raises
+    ------
+    DataError
+        For more than ``MOST_VALUES``.
+    """
     if rows * columns > MOST_VALUES:
         raise DataError(
             f"{file} has more than {MOST_VALUES // columns} rows of {columns} columns, at most {MOST_VALUES} values are read; "
@@ -162,14 +282,26 @@ def check_count(file: str, rows: int, columns: int) -> None:
 
 
 def unreadable(error: BaseException) -> str:
-    """Reason why a file cannot be read, in a few words."""
+    """Reason why a file cannot be read, in a few words.
+
+    Parameters
+    ----------
+    error : BaseException
+        That opening or unpacking raised.
+    """
     if isinstance(error, EOFError | zlib.error):
         return "its packed content is damaged or cut off"
     return str(getattr(error, "strerror", None) or error)
 
 
 def in_words(size: int) -> str:
-    """A number of bytes for a sentence."""
+    """A number of bytes for a sentence.
+
+    Parameters
+    ----------
+    size : int, bytes
+        Of a file.
+    """
     for unit, name in ((1 << 30, "GiB"), (1 << 20, "MiB"), (1 << 10, "KiB")):
         if size >= unit:
             return f"{size / unit:.3g} {name}"

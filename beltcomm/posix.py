@@ -64,6 +64,11 @@ def keys_one_by_one(fd: int) -> Callable[[], None] | None:
     """A terminal gives its keys one by one and unseen from now on; what is given back ends that.   None where the system cannot.
 
     Ctrl-C stays what it is; what was typed meanwhile answers no question.
+
+    Parameters
+    ----------
+    fd : int
+        Of the terminal.
     """
     try:
         import termios
@@ -76,7 +81,13 @@ def keys_one_by_one(fd: int) -> Callable[[], None] | None:
 
 
 def bound_this_process(bounds: Mapping[str, int]) -> None:
-    """Bounds by name (``RLIMIT_AS``, ...) for this process, as far as the system knows them."""
+    """Bounds by name (``RLIMIT_AS``, ...) for this process, as far as the system knows them.
+
+    Parameters
+    ----------
+    bounds : mapping of str to int
+        In the units of ``resource.setrlimit``.
+    """
     try:
         import resource
     except ImportError:
@@ -91,7 +102,13 @@ def bound_this_process(bounds: Mapping[str, int]) -> None:
 
 
 def interrupt(process: subprocess.Popen[bytes]) -> None:
-    """End a process as Ctrl-C would; at once where the system has no such thing for one process."""
+    """End a process as Ctrl-C would; at once where the system has no such thing for one process.
+
+    Parameters
+    ----------
+    process : Popen of bytes
+        Started by this one.
+    """
     with contextlib.suppress(OSError):  # it has ended meanwhile
         if os.name == "nt":
             process.terminate()
@@ -100,7 +117,13 @@ def interrupt(process: subprocess.Popen[bytes]) -> None:
 
 
 def is_alive(process: int) -> bool:
-    """True if a process is there, by its number; True where that cannot be asked without hurting it."""
+    """True if a process is there, by its number; True where that cannot be asked without hurting it.
+
+    Parameters
+    ----------
+    process : int
+        Number (pid).
+    """
     if os.name == "nt":  # a signal of number 0 is Ctrl-C there
         return True
     try:

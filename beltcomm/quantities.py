@@ -126,12 +126,24 @@ def in_other_unit(name: str, wanted: str) -> float | None:
 
 
 def in_mm(value_m: float) -> str:
-    """Error of a position in mm as every screen, page and file has it, without the unit: three digits, no power of ten, - for none."""
+    """Error of a position in mm as every screen, page and file has it, without the unit: three digits, no power of ten, - for none.
+
+    Parameters
+    ----------
+    value_m : float, m
+        Of an error.
+    """
     return f"{float(f'{1e3 * value_m:.3g}'):.5f}".rstrip("0").rstrip(".") if math.isfinite(value_m) else "-"
 
 
 def mm(value_m: float) -> str:
-    """:func:`in_mm` with its unit, where there is a number."""
+    """Error of a position in mm as :func:`in_mm` has it, with its unit where there is a number.
+
+    Parameters
+    ----------
+    value_m : float, m
+        Of an error.
+    """
     return f"{in_mm(value_m)} mm".removeprefix("- mm") or "-"
 
 
@@ -140,6 +152,8 @@ def parse_quantity(text: str, name: str) -> float:
 
     Parameters
     ----------
+    text : str
+        As it was typed.
     name : str
         Whose suffix says which quantity is meant.
 

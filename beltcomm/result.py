@@ -53,7 +53,7 @@ class Result:
         return "\n".join(map(str, self.text))
 
     def _repr_html_(self) -> str:
-        return html_of(self.text)
+        return _html_of(self.text)
 
 
 class Row(str):
@@ -100,13 +100,29 @@ class Line(str):
 
 
 def bar(share: float, width: int = 16) -> str:
-    """``[#####...]``: a share of a limit; full from 1 on, empty for what is not known."""
+    """``[#####...]``: a share of a limit; full from 1 on, empty for what is not known.
+
+    Parameters
+    ----------
+    share : float
+        Of the limit; nan for what is not known.
+    width : int
+        Characters between the brackets.
+    """
     filled = 0 if not math.isfinite(share) else min(width, max(0, round(share * width)))
     return f"[{'#' * filled}{'.' * (width - filled)}]"
 
 
 def command_lines(command: str, why: str = "") -> list[Line]:
-    """Next command, alone on its line, so that it can be copied."""
+    """Next command, alone on its line, so that it can be copied.
+
+    Parameters
+    ----------
+    command : str
+        To be typed.
+    why : str
+        Behind the title; "" for nothing.
+    """
     return [Line("  ", (tr("Next"), "title"), f"  {tr(why)}" if why else ""), Line("    ", (command, "command"))]
 
 
@@ -120,10 +136,10 @@ class Described:
         return "\n".join(self._lines())
 
     def _repr_html_(self) -> str:
-        return html_of(self._lines())
+        return _html_of(self._lines())
 
 
-def html_of(lines: Iterable[str]) -> str:
+def _html_of(lines: Iterable[str]) -> str:
     """Lines as a notebook shows them: rows as tables, text as it stands."""
     parts = []
     for is_row, some in groupby(lines, key=lambda line: isinstance(line, Row) and bool(line.cells)):
@@ -142,7 +158,15 @@ def html_of(lines: Iterable[str]) -> str:
 
 
 def with_unit(number: str, unit: str) -> str:
-    """A number with its unit as people write it: kg m² for the catalogue's kg m2, nothing for its 1."""
+    """A number with its unit as people write it: kg m² for the catalogue's kg m2, nothing for its 1.
+
+    Parameters
+    ----------
+    number : str
+        As it is printed.
+    unit : str
+        Of the catalogue; "" or "1" for none.
+    """
     return number if unit in ("", "1") else f"{number} {re.sub(r'(?<=[a-z])2', '²', unit)}"
 
 
@@ -155,6 +179,10 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[str]], indent: str = "
     ----------
     columns : sequence of str
         Titles; one that begins with ``>`` has its cells at the right.
+    rows : iterable of sequence of str
+        Cells.
+    indent : str
+        Before each line.
     """
     right = [title.startswith(">") for title in columns]
     titles = (title.removeprefix(">") for title in columns)
@@ -171,6 +199,11 @@ def plain(value: Any) -> Any:
     """The value in the types that YAML and JSON have: dataclasses and mappings as mappings, arrays as lists.
 
     Complex values, of which neither has any, as a mapping of ``real`` and ``imag``.
+
+    Parameters
+    ----------
+    value : Any
+        Any value of a result.
     """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value) if not f.name.startswith("_")}
@@ -188,7 +221,13 @@ def plain(value: Any) -> Any:
 
 
 def jsonable(value: Any) -> Any:
-    """The value in the types JSON has: as :func:`plain`, numbers that are not finite become null, what is left becomes text."""
+    """The value in the types JSON has: as :func:`plain`, numbers that are not finite become null, what is left becomes text.
+
+    Parameters
+    ----------
+    value : Any
+        Any value of a result.
+    """
     value = plain(value)
     if isinstance(value, Mapping):
         return {key: jsonable(item) for key, item in value.items()}

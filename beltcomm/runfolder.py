@@ -745,6 +745,11 @@ def _make_folder(path: Path, *, inside: bool = True) -> None:
 def checked_name(name: str) -> str:
     """The name, when it can be a file name everywhere.
 
+    Parameters
+    ----------
+    name : str
+        Of a record, model, design or result.
+
     Raises
     ------
     UsageError

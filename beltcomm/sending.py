@@ -53,8 +53,16 @@ def reference_for(model: Model, cascade: Cascade, path: Trajectory, drive: Loop,
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
     cascade : Cascade
         As it runs in the drive.
+    path : Trajectory
+        Motion of the carriage.
+    drive : Loop
+        Loop of the drive, with dead time and limits.
+    sending : Sending
+        Way in which the host leads the move.
     time_s : float
         Session's clock at its start.
 
@@ -80,14 +88,43 @@ def reference_for(model: Model, cascade: Cascade, path: Trajectory, drive: Loop,
 
 
 def grid_of(sent: Trajectory, drive: Loop) -> SetpointGrid:
-    """Setpoints of a trajectory in the loop of a drive."""
+    """Setpoints of a trajectory in the loop of a drive.
+
+    Parameters
+    ----------
+    sent : Trajectory
+        With the period in which it is sent.
+    drive : Loop
+        With the period of its loop.
+    """
     return SetpointGrid(sent.sample_period_s, drive.structure.period_s, len(sent.t_s))
 
 
 def predict_sent(
     model: Model, cascade: Cascade, sent: Sent, drive: Loop, *, belt_stretch_m: float = 0.0, time_s: float = 0.0
 ) -> PredictedMove:
-    """The axis with a controller along what is sent, held against the motion that the motor is to make."""
+    """The axis with a controller along what is sent, held against the motion that the motor is to make.
+
+    Parameters
+    ----------
+    model : Model
+        Of the axis.
+    cascade : Cascade
+        That runs in the drive.
+    sent : Sent
+        Motor's motion, and torque or led reference with it.
+    drive : Loop
+        Loop of the drive, with dead time and limits.
+    belt_stretch_m : float, m
+        At the start.
+    time_s : float, s
+        Session's clock at the start.
+
+    Returns
+    -------
+    PredictedMove
+        m, at motor and carriage.
+    """
     if sent.reference is not None:
         return predict_led(model, cascade, sent.reference, drive, belt_stretch_m, time_s)
     return predict_move(model, cascade, sent.motor, drive, belt_stretch_m=belt_stretch_m, extra_torque_nm=sent.torque_nm, time_s=time_s)
@@ -96,6 +133,27 @@ def predict_sent(
 def predict_led(
     model: Model, cascade: Cascade, led: LedReference, drive: Loop, belt_stretch_m: float = 0.0, time_s: float = 0.0
 ) -> PredictedMove:
-    """The axis along a led reference, held against the motion that the motor is to make."""
+    """The axis along a led reference, held against the motion that the motor is to make.
+
+    Parameters
+    ----------
+    model : Model
+        Of the axis.
+    cascade : Cascade
+        That runs in the drive.
+    led : LedReference
+        Reference that is sent, and the motion it is led for.
+    drive : Loop
+        Loop of the drive, with dead time and limits.
+    belt_stretch_m : float, m
+        At the start.
+    time_s : float, s
+        Session's clock at the start.
+
+    Returns
+    -------
+    PredictedMove
+        m, at motor and carriage.
+    """
     path = predict_move(model, cascade, led.sent, drive, belt_stretch_m=belt_stretch_m, time_s=time_s)
     return replace(path, reference_m=grid_of(led.motor, drive).in_loop(led.motor.position_m))

@@ -101,6 +101,10 @@ def choose(talk: Talk, question: str, choices: Mapping[str, str]) -> str:
 
     Parameters
     ----------
+    talk : Talk
+        Hears progress and answers questions.
+    question : str
+        A sentence.
     choices : dict of str to str
         Key -> word, in the order shown.
     """
@@ -111,7 +115,15 @@ def choose(talk: Talk, question: str, choices: Mapping[str, str]) -> str:
 
 
 def detail(talk: Talk, *lines: str) -> None:
-    """Tell a detail: a terminal shows it where details were asked for, and the journal has it."""
+    """Tell a detail: a terminal shows it where details were asked for, and the journal has it.
+
+    Parameters
+    ----------
+    talk : Talk
+        With or without a place for details.
+    *lines : str
+        Sentences.
+    """
     (getattr(talk, "detail", None) or talk.say)(*lines)
 
 
@@ -120,8 +132,12 @@ def found(talk: Talk, name: str, value: str) -> None:
 
     Parameters
     ----------
+    talk : Talk
+        Hears progress and answers questions.
     name : str
         One word; said again it takes the place of the old.
+    value : str
+        With its unit.
     """
     if tell := getattr(talk, "found", None):
         tell(name, value)

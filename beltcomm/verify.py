@@ -227,16 +227,22 @@ def predict_move(
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
+    cascade : Cascade
+        The controller.
     trajectory : Trajectory
         At whatever period it is sent.
+    drive : Loop
+        Loop of the drive, with dead time and limits.
     belt_stretch_m : float
         At the start.
-    plant : SimulatedPlant or None
-        That the loop is closed on, not the model's.
     extra_torque_nm : ndarray (n,) or None
         Sent along with the reference and added to the drive's torque, held until the next comes.
     time_s : float
         Session's clock.
+    plant : SimulatedPlant or None
+        That the loop is closed on, not the model's.
     """
     ratio, structure = model["transmission.ratio"], drive.structure
     start_m = float(trajectory.position_m[0])
@@ -268,6 +274,8 @@ def predict_range(model: Model, predict: Callable[[Model, float], TrackingError]
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
     predict : callable
         Of a model and a stretch.
     """
@@ -317,6 +325,17 @@ def tracking_error(t_s: Array, reference_m: Array, position_m: Array, targets: A
 
     The reference moves from its first to its last change.
 
+    Parameters
+    ----------
+    t_s : ndarray (n,), s
+        Time stamps.
+    reference_m : ndarray (n,), m
+        Of motor or carriage.
+    position_m : ndarray (n,), m
+        Measured or predicted.
+    targets : AxisTargets
+        With the settling time.
+
     Raises
     ------
     DataError
@@ -364,10 +383,18 @@ def judge(
 
     Parameters
     ----------
+    recording : Recording
+        The record.
     ratio : float
         i_t, m/rad.
+    predicted : PredictedMove
+        The same move.
     carriage_m : ndarray (n,) or None
         Where the carriage should be at the samples of the prediction, m, when that is not the motor's reference.
+    predicted_range : tuple of TrackingError or None
+        Smallest and largest error; None where it is not known.
+    targets : AxisTargets
+        Of the axis.
 
     Raises
     ------

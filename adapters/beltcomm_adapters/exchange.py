@@ -100,12 +100,12 @@ def map_pdo(
             lending.set(mapping, subindex, "uint32", index << 16 | part << 8 | bits)
         lending.set(mapping, 0, "uint8", len(entries))
     except ObjectRefused as error:
-        raise not_mapped(error, direction, mapping, entries) from error
+        raise _not_mapped(error, direction, mapping, entries) from error
     lending.set(communication, 1, "uint32", kept | cob_id)
     return cob_id
 
 
-def not_mapped(error: ObjectRefused, direction: str, mapping: int, entries: Sequence[MappedObject]) -> ObjectRefused:
+def _not_mapped(error: ObjectRefused, direction: str, mapping: int, entries: Sequence[MappedObject]) -> ObjectRefused:
     """The refusal of a mapping, with the objects that were to be mapped."""
     wanted = entries[error.subindex - 1 : error.subindex] if error.subindex else entries
     named = ", ".join(name_of(index, part) for index, part, _ in wanted)

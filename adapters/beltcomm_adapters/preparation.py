@@ -174,7 +174,7 @@ def lend_settings(
     """Of :func:`prepare` what is a setting, no mode and no setpoint; limits that the drive does not take are in ``lending.refused``."""
     believed = lend_quick_stop(objects, lending, scaling, limits)
     if profile.sync_change == "at_once" and (sync_period_s(objects) is not None or objects.read_if_there(0x60C2, 1, "uint8") is not None):
-        value, power = interpolation_time(period_s)
+        value, power = _interpolation_time(period_s)
         lending.set_if_there(0x60C2, 2, "int8", power)
         lending.set_if_there(0x60C2, 1, "uint8", value)
     if believed and mode in TORQUE_MODES and profile.torque_exit == "velocity" and math.isfinite(limits.deceleration_rad_s2):
@@ -291,7 +291,7 @@ def limit(
     lending.altered[text] = index
 
 
-def interpolation_time(period_s: float) -> tuple[int, int]:
+def _interpolation_time(period_s: float) -> tuple[int, int]:
     """60C2h, number and power of ten, in ms where these are whole.   Raises UsageError for a period that no byte holds."""
     for power in (-3, -4, -5, -6):
         value = round(period_s * 10.0**-power)

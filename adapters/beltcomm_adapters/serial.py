@@ -79,7 +79,7 @@ def connect(name: str, bitrate: int, profile: str | None, rtscts: bool) -> Seria
         raise
 
 
-def bitrate_of(options: Mapping[str, object]) -> int:
+def _bitrate_of(options: Mapping[str, object]) -> int:
     """The option ``bitrate``.  Raises UsageError for one that these drives do not have."""
     value = options.get("bitrate")
     if value is None:
@@ -98,14 +98,14 @@ def _open(address: str, options: Mapping[str, object]) -> Drive:
     if scheme == _SIMULATED:
         from beltcomm_adapters.virtual_serial import open_serial
 
-        return open_serial(plant, options, bitrate_of(options))
+        return open_serial(plant, options, _bitrate_of(options))
     if unknown := sorted(set(options) - set(_OPTIONS)):
         raise UsageError(f"a drive on RS-232 has no option {', '.join(unknown)}; it has {', '.join(_OPTIONS)}")
     name = address.removesuffix(_HANDSHAKE)
     if not name:
         raise UsageError("say which port: serial:/dev/ttyUSB0, serial:COM3, or serial:virtual for a simulated drive")
     rtscts = name != address or str(options.get("rtscts", "")).lower() in ("1", "true", "yes", "on")
-    return connect(name, bitrate_of(options), profile_name(options), rtscts)
+    return connect(name, _bitrate_of(options), profile_name(options), rtscts)
 
 
 ADAPTER = Adapter(

@@ -61,7 +61,7 @@ class SerialDrive(ObjectDrive):
         self._serial.change_bitrate(bitrate)
         try:
             identity = read_identity(self._serial, port.name)
-            self._take_over(self._line, choose_serial_profile(identity, profile))
+            self._take_over(self._line, _choose_serial_profile(identity, profile))
             self._pace = measure_pace(self._serial, clock)
             known = read_capabilities(
                 self._serial,
@@ -207,7 +207,7 @@ def _refused() -> Mapping[str, str]:
     }
 
 
-def choose_serial_profile(identity: Mapping[str, str], wanted: str | None) -> Profile:
+def _choose_serial_profile(identity: Mapping[str, str], wanted: str | None) -> Profile:
     """The profile of a drive that tells its numbers, but not its name.   Raises UsageError when that does not decide."""
     if wanted is not None:
         return load_profile(wanted)

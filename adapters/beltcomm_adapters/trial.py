@@ -44,7 +44,7 @@ INSTEAD: Final = {
 }
 
 
-def refused_words(error: ObjectRefused) -> str:
+def _refused_words(error: ObjectRefused) -> str:
     """A setting that the drive has and does not take, and what does its work then."""
     instead = INSTEAD.get(error.index, "it stays as it is")
     return f"the drive refuses {name_of(error.index, error.subindex)}, {abort_text(error.abort_code)}: {instead}"
@@ -130,10 +130,10 @@ def _settings(
                 if profile.error_behaviour:
                     heed(objects, lending, profile.error_behaviour)
         except ObjectRefused as error:
-            text = f"for motions of kind {kind}: {refused_words(error)}"
+            text = f"for motions of kind {kind}: {_refused_words(error)}"
             remedy = "set it with the maker's tool, or choose the --profile of this drive"
             yield Finding(AREA, f"settings, {kind}", "wrong" if kind in NEEDED else "warning", text, remedy)
-        refused |= {(error.index, error.subindex): refused_words(error) for error in lending.refused}
+        refused |= {(error.index, error.subindex): _refused_words(error) for error in lending.refused}
         altered |= lending.altered
     with objects.lend() as lending:
         if 0x6085 not in altered.values():

@@ -268,6 +268,8 @@ def ground_of(basis: Basis, saved: Mapping[str, Any], move: Path | None = None) 
 
     Parameters
     ----------
+    basis : Basis
+        Trusted model of the run, its drive and delay.
     saved : dict of str to Any
         Its present design.
     move : Path or None
@@ -304,7 +306,26 @@ def _driven(folder: RunFolder, saved: Mapping[str, Any], structure: CascadeStruc
 
 
 def move_between(asked: Any, ground: DesignInput) -> Trajectory:
-    """A jerk-limited move by ``start_m``, ``end_m``, m, and its limits, with its rest.   Raises UsageError for one that cannot be."""
+    """A jerk-limited move with its rest, by what the page asks for.
+
+    Parameters
+    ----------
+    asked : Any
+        ``start_m``, ``end_m``, ``speed_m_s``, ``acceleration_m_s2``, ``jerk_m_s3``, and no others.
+    ground : DesignInput
+        Ends of the travel and the sampling period of the drive.
+
+    Returns
+    -------
+    Trajectory (n,)
+        Of the carriage.
+
+    Raises
+    ------
+    UsageError
+        For other entries, a way outside the travel or shorter than 0.1 mm, a limit that is not above zero, or more samples than the page
+        plays.
+    """
     names = ("start_m", "end_m", "speed_m_s", "acceleration_m_s2", "jerk_m_s3")
     if not isinstance(asked, dict) or set(asked) != set(names):
         raise UsageError(f"a move is {', '.join(names)}; give these and no others")

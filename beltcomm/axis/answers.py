@@ -40,7 +40,7 @@ USUAL: Mapping[str, tuple[float, float]] = {
 Kind = Literal["axes", "motors"]
 
 
-def usual_range(entry: str, kind: str = "") -> tuple[float, float]:
+def _usual_range(entry: str, kind: str = "") -> tuple[float, float]:
     """Range that most axes of a kind have, SI or degrees, for an entry as their files name it."""
     own = KINDS.get(kind)
     if own is not None and entry in own.renamed:
@@ -49,19 +49,60 @@ def usual_range(entry: str, kind: str = "") -> tuple[float, float]:
 
 
 def usual(entry: str, value: float, kind: str = "") -> bool:
-    """True if a value of an entry is in the range that most axes have."""
-    low, high = usual_range(entry, kind)
+    """True if a value of an entry is in the range that most axes have.
+
+    Parameters
+    ----------
+    entry : str
+        ``SECTION.NAME`` of axis.yaml.
+    value : float
+        In the unit of the entry's name.
+    kind : str
+        Kind of axis; "" for a belt.
+
+    Returns
+    -------
+    bool
+        For an entry of any kind.
+    """
+    low, high = _usual_range(entry, kind)
     return low <= value <= high
 
 
 def usual_words(entry: str, kind: str = "") -> str:
-    """The usual range, in the units that people think in."""
+    """The usual range, in the units that people think in.
+
+    Parameters
+    ----------
+    entry : str
+        ``SECTION.NAME`` of axis.yaml.
+    kind : str
+        Kind of axis; "" for a belt.
+
+    Returns
+    -------
+    str
+        Both ends with their units.
+    """
     name = entry.partition(".")[2]
-    return " ... ".join(in_words(name, value) for value in usual_range(entry, kind))
+    return " ... ".join(in_words(name, value) for value in _usual_range(entry, kind))
 
 
 def in_words(name: str, value: float) -> str:
-    """A value in the units that people think in: ``64 000 rpm``, ``0.449 kg cm²``, ``12.4 mm (78 mm/rev)``."""
+    """A value in the units that people think in: ``64 000 rpm``, ``0.449 kg cm²``, ``12.4 mm (78 mm/rev)``.
+
+    Parameters
+    ----------
+    name : str
+        Of the entry, with its unit as suffix.
+    value : float, SI
+        Of the entry.
+
+    Returns
+    -------
+    str
+        Value and unit.
+    """
     if name == "encoder_counts_per_rev":
         bits = math.log2(value) if value > 0.0 else 0.0
         return f"{value:.0f}" + (f" ({bits:.0f} bit)" if bits == round(bits) else "")
@@ -88,13 +129,33 @@ def _short(value: float) -> str:
 
 
 def parts(kind: Kind) -> dict[str, dict[str, Any]]:
-    """All of a kind by name, each with its title and source."""
+    """All of a kind by name, each with its title and source.
+
+    Parameters
+    ----------
+    kind : Kind
+        Key of the catalogue of parts.
+
+    Returns
+    -------
+    dict of str to dict of str to Any
+        Of the shipped file ``catalogue/parts``.
+    """
     found: Mapping[str, Any] = read_yaml(find_config("catalogue", "parts"))[kind]
     return {str(name): dict(entry) for name, entry in found.items()}
 
 
 def with_part(data: Mapping[str, Any], kind: Kind, name: str) -> dict[str, Any]:
     """``data``, in the shape of axis.yaml, with an axis or a motor of the catalogue.
+
+    Parameters
+    ----------
+    data : mapping of str to Any
+        Is left as it is.
+    kind : Kind
+        Key of the catalogue of parts.
+    name : str
+        Of the part.
 
     Raises
     ------

@@ -286,7 +286,18 @@ COMMISSION_NEEDS: Mapping[str, str] = {
 
 
 def entries_of(section: type[Any]) -> dict[str, AxisEntry]:
-    """The numbers of a section by name."""
+    """The numbers of a section by name.
+
+    Parameters
+    ----------
+    section : type of Any
+        Dataclass of a section of axis.yaml.
+
+    Returns
+    -------
+    dict of str to AxisEntry
+        Fields without an entry are left out.
+    """
     return {item.name: item.metadata["entry"] for item in fields(section) if "entry" in item.metadata}
 
 

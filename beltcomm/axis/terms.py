@@ -148,7 +148,20 @@ class Terms:
 
 
 def times(number: str, factor: float) -> str:
-    """A printed number by a factor, with the digits that it had, and no fewer than three."""
+    """A printed number by a factor, with the digits that it had, and no fewer than three.
+
+    Parameters
+    ----------
+    number : str
+        As it is printed; blanks may group its digits.
+    factor : float
+        From one unit to another.
+
+    Returns
+    -------
+    str
+        The number as it is for a factor of 1.
+    """
     if factor == 1.0:
         return number
     plain = number.replace(" ", "")
@@ -269,7 +282,13 @@ _DRAWN: ContextVar[Terms] = ContextVar("drawn", default=PLAIN)
 
 @contextmanager
 def pictures_in(own: Terms) -> Iterator[None]:
-    """Pictures made within are in these words and units."""
+    """Pictures made within are in these words and units.
+
+    Parameters
+    ----------
+    own : Terms
+        Of the axis that is drawn.
+    """
     before = _DRAWN.set(own)
     try:
         yield
@@ -308,6 +327,17 @@ def terms(kind: str, ratio_m: float = 0.0, *, rigid: bool = False) -> Terms:
 
 
 def terms_of(axis: Axis) -> Terms:
-    """Words and units of an axis."""
+    """Words and units of an axis.
+
+    Parameters
+    ----------
+    axis : Axis
+        Of any kind.
+
+    Returns
+    -------
+    Terms
+        A linear motor has its transmission in them where its pulley is known.
+    """
     known = axis.kind == "linear" and axis.get("pulley.effective_radius_m") is not None
     return terms(axis.kind, axis.transmission_m_rad if known else 0.0, rigid=axis.rigid)

@@ -37,7 +37,13 @@ WORDS = {
 
 
 def commented(axis: Axis) -> str:
-    """The text of a file."""
+    """The text of ``axis.yaml``, every entry with its unit and meaning, those not known commented out.
+
+    Parameters
+    ----------
+    axis : Axis
+        Of any kind, in the words of its kind.
+    """
     lines = ["# SI units, the unit in each name; what is not known is commented out. Made by `beltcomm init`."]
     lines += [f"name: {_scalar(axis.name)}"]
     own, data = KINDS.get(axis.kind), axis.to_dict()

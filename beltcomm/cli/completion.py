@@ -125,7 +125,7 @@ def _effects_of_line() -> list[str]:
     from beltcomm.configfiles import read_yaml
     from beltcomm.errors import BeltcommError, DataError
 
-    for word in words_of_line():
+    for word in _words_of_line():
         file = Path(word) / MODEL_FILE
         if file.is_file():
             try:
@@ -135,12 +135,12 @@ def _effects_of_line() -> list[str]:
     return []
 
 
-def words_of_line() -> list[str]:
+def _words_of_line() -> list[str]:
     """The words of the whole line, those behind the cursor too, without their quotes; bash gives one in each line."""
-    return [unquoted(word) for word in os.environ.get("COMP_WORDS", "").split("\n")]
+    return [_unquoted(word) for word in os.environ.get("COMP_WORDS", "").split("\n")]
 
 
-def unquoted(word: str) -> str:
+def _unquoted(word: str) -> str:
     """A word as a command gets it; one whose quote is still open as far as it goes."""
     try:
         return "".join(shlex.split(word))
@@ -156,7 +156,7 @@ class Bash(BashComplete):
 
     def get_completion_args(self) -> tuple[list[str], str]:
         """Complete words, and the one at the cursor, both as they were typed."""
-        words, at = words_of_line(), int(os.environ["COMP_CWORD"])
+        words, at = _words_of_line(), int(os.environ["COMP_CWORD"])
         joined: list[str] = []
         for word in words[: at + 1]:
             if joined and (word.startswith(":") or joined[-1].endswith(":")):

@@ -105,7 +105,7 @@ class Display:
         if self.place is not None:
             yield window_line(self.place, width, options.ascii_only)
             for gauge in self.place.gauges:
-                yield gauge_line(gauge, width, self._peaks.get(gauge.name, 0.0))
+                yield _gauge_line(gauge, width, self._peaks.get(gauge.name, 0.0))
         if self._found:
             told = f"{tr('found')}: {self._found_words()}"
             yield Text(fill(told, width, initial_indent=INDENT, subsequent_indent=INDENT + "  "))
@@ -125,7 +125,7 @@ class Display:
         yield Text.assemble(INDENT, ("#" * full, "green"), ("-" * (length - full), "dim"), "  ", after)
 
 
-def gauge_line(gauge: Gauge, width: int, peak: float = 0.0) -> Text:
+def _gauge_line(gauge: Gauge, width: int, peak: float = 0.0) -> Text:
     """``torque   [####..|...]  0.23 of 3.1 N m, peak 0.3``: its bar is as full as the limit is reached."""
     before, after = f"{INDENT}{tr(gauge.name):<8} [", f"]  {_digits(gauge, gauge.value)} {tr('of')} {_plain(gauge.limit)} {gauge.unit}"
     most = f"{after}, {tr('peak')} {_digits(gauge, peak)}"

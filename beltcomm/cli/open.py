@@ -17,7 +17,7 @@ from beltcomm.language import tr
 OFFER = "There is no run here yet. Commission the shipped axis on a virtual drive first? It takes half a minute, and no machine moves."
 
 
-def first_run(frame: Invocation) -> Path:
+def _first_run(frame: Invocation) -> Path:
     """A run on the virtual axis, after a question: a page needs one to show.   Raises Declined where it is not wanted."""
     if not frame.talk().confirm(tr(OFFER)):
         raise Declined(tr("nothing was made; measurements of your own become a run by `beltcomm import FILE --run runs/NAME`"))
@@ -42,7 +42,7 @@ def command(frame: Invocation, /, run: Path | None, move: Path | None, port: int
 
     Example: beltcomm open runs/first
     """
-    frame.run = run = run or first_run(frame)
+    frame.run = run = run or _first_run(frame)
     opened = webbrowser.open if browser else None
     frame.talk().say(tr("Reading {run} ...", run=run))
     return frame.show(

@@ -35,7 +35,7 @@ _ANGLE = re.compile(r"(?:deg|°)(?:/s[23²³]?)?\s*$")
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
-def parsed(text: str, name: str, ctx: click.Context | None) -> float:
+def _parsed(text: str, name: str, ctx: click.Context | None) -> float:
     """The SI value of a quantity; a way in degrees for an axis whose load turns.   Raises UsageError."""
     if not _ANGLE.search(text) or not _turns(getattr(ctx.obj, "words", ()) if ctx is not None else ()):
         return parse_quantity(text, name)
@@ -90,7 +90,7 @@ class QuantityType(Numbers):
         if isinstance(value, float):
             return value
         try:
-            return parsed(str(value), self.name, ctx)
+            return _parsed(str(value), self.name, ctx)
         except UsageError as error:
             self.fail(str(error), param, ctx)
 
@@ -112,8 +112,8 @@ class Window(Pairs):
         if high and not _UNIT.findall(low)[0]:  # a unit after HIGH alone is meant for both
             low += _UNIT.findall(high)[0]
         try:
-            first = parsed(low, "window_m", ctx)
-            ends = (first, parsed(high, "window_m", ctx)) if high else (-first, first)
+            first = _parsed(low, "window_m", ctx)
+            ends = (first, _parsed(high, "window_m", ctx)) if high else (-first, first)
         except UsageError as error:
             self.fail(str(error), param, ctx)
         if not ends[0] < 0.0 < ends[1]:
@@ -121,7 +121,7 @@ class Window(Pairs):
         return ends
 
 
-def with_options(function: Function, *options: Callable[[Function], Function]) -> Function:
+def _with_options(function: Function, *options: Callable[[Function], Function]) -> Function:
     """A command with options, listed in the order of its help."""
     for option in reversed(options):
         function = option(function)
@@ -138,7 +138,7 @@ def output_options(function: Function) -> Function:
         ctx.obj.verbose = value
         return value
 
-    return with_options(
+    return _with_options(
         function,
         click.option(
             "-v", "--verbose", count=True, expose_value=False, callback=set_verbose, help="Say more on stderr; -vv for everything."
@@ -173,7 +173,7 @@ def _note_bus_log(ctx: click.Context, _param: click.Parameter, value: bool) -> N
     ctx.obj.bus_log = value
 
 
-def as_option(text: str) -> Callable[[Function], Function]:
+def _as_option(text: str) -> Callable[[Function], Function]:
     """``--as``, which drive a virtual one plays."""
     return click.option("--as", "slave", metavar="NAME", shell_complete=completion.slaves, help=text)
 
@@ -188,7 +188,7 @@ def drive_options(function: Function, *, needed: bool = True, of_run: bool = Tru
     of_run : bool
         The run's, unless told.
     """
-    return with_options(
+    return _with_options(
         function,
         click.option(
             "--drive",
@@ -211,7 +211,7 @@ def drive_options(function: Function, *, needed: bool = True, of_run: bool = Tru
             type=QuantityType("sample_period_s"),
             help="Between two samples; the shortest that drive and bit rate allow when left out.",
         ),
-        as_option("Virtual drive: play another maker's drive, epos4, akd, ... (`beltcomm drives`), or the facts in a .yaml file."),
+        _as_option("Virtual drive: play another maker's drive, epos4, akd, ... (`beltcomm drives`), or the facts in a .yaml file."),
         click.option("--realtime", is_flag=True, help="Virtual drive: run at 1 kHz of real time, not as fast as possible."),
         click.option(
             "--bus-log",
@@ -226,11 +226,11 @@ def drive_options(function: Function, *, needed: bool = True, of_run: bool = Tru
 
 def serving_options(function: Function) -> Function:
     """Options of the virtual drive that is served, and of how its time passes."""
-    return with_options(
+    return _with_options(
         function,
         click.option("--drive", default="virtual", metavar="DRIVE", help="virtual (when left out) or virtual:PLANT."),
         click.option("--profile", metavar="NAME", help="reference (when left out) or cmmp-as."),
-        as_option("Play another maker's drive instead."),
+        _as_option("Play another maker's drive instead."),
         click.option("--node", type=click.IntRange(1, 126), help="Its CANopen node number; 1 when left out."),
         click.option("--seed", type=click.IntRange(0), help="Seed of its torque noise."),
         click.option("--realtime", is_flag=True, help="Run at 1 kHz of the wall clock; else each SYNC is one period."),
@@ -245,7 +245,7 @@ def machine_options(function: Function, *, needed: bool = True, of_run: bool = T
     needed : bool
         As in :func:`drive_options`.
     """
-    function = with_options(
+    function = _with_options(
         function,
         yes_option,
         click.option("--dry-run", is_flag=True, help="Show the plan and move nothing."),
@@ -287,7 +287,7 @@ def writing_options(function: Function, *, needed: bool = True) -> Function:
     needed : bool
         As in :func:`drive_options`.
     """
-    return with_options(
+    return _with_options(
         function,
         partial(drive_options, needed=needed),
         existing_run_option,
@@ -307,7 +307,7 @@ def _targets(ctx: click.Context, _param: click.Parameter, values: tuple[str, ...
         if not equals or name is None:
             raise click.BadParameter(f"{text!r} is no target; write one of {', '.join(f'{key}=...' for key in TARGETS)}")
         try:
-            found[name] = value.strip() if name in ("at", "move") else parsed(value, name, ctx)
+            found[name] = value.strip() if name in ("at", "move") else _parsed(value, name, ctx)
         except UsageError as error:
             raise click.BadParameter(str(error)) from error
     return found
@@ -384,7 +384,7 @@ def specification_options(command: Function) -> Function:
         )
     ]
     lag = click.option("--velocity-filter", ASKED[5], type=QuantityType("velocity_filter_s"), help="T_R; the best of six when left out.")
-    return with_options(command, demand, *knobs, lag)
+    return _with_options(command, demand, *knobs, lag)
 
 
 def specification_of(given: dict[str, Any]) -> Specification | None:

@@ -38,7 +38,7 @@ def terminal_talk(verbose: int = 0, details: bool = False) -> PlainTalk | RichTa
     return kind(sys.stderr, details=details or verbose > 0)
 
 
-def place_of(index: int, count: int) -> str:
+def _place_of(index: int, count: int) -> str:
     """Of a phase: ``2/5``, or ``2`` where nobody knows of how many."""
     return f"{index}/{count}" if count else str(index)
 
@@ -62,7 +62,7 @@ class PlainTalk:
         """``[2/5] title``, ``[2] title`` where nobody knows of how many."""
         self._reported, self._place = 0.0, None
         self._pace.begin()
-        self.say(f"[{place_of(index, count)}] {tr(title)}")
+        self.say(f"[{_place_of(index, count)}] {tr(title)}")
 
     def progress(self, fraction: float, seconds_left: float | None) -> None:
         """A line at each quarter of a calculation."""
@@ -133,10 +133,10 @@ class RichTalk:
 
         title = tr(title)
         if self._live is not None and index > 1:
-            self._shown.phase(place_of(index, count), title)
+            self._shown.phase(_place_of(index, count), title)
             return
         self.close(done=True)
-        self._shown = Display(place_of(index, count), title, Pace(self._clock), self._clock, self._found)
+        self._shown = Display(_place_of(index, count), title, Pace(self._clock), self._clock, self._found)
         self._live = Live(self._shown, console=self._console, transient=True, refresh_per_second=8, redirect_stdout=False)
         self._live.start()
 

@@ -85,7 +85,7 @@ def console_of(stream: TextIO) -> Console:
     return Console(file=stream, width=width_of(stream), highlight=False, markup=False, emoji=False)
 
 
-def in_language(line: str) -> str:
+def _in_language(line: str) -> str:
     """A line as the language of the screens has it; what is to be typed and cells of a table stay."""
     from beltcomm.result import Line, Row
 
@@ -97,7 +97,7 @@ def in_language(line: str) -> str:
 def echo(lines: Iterable[str], stream: TextIO) -> None:
     """Print lines; on a terminal rows of a table are drawn as one."""
     if not draws(stream):
-        for line in map(in_language, lines) if language.spoken() else lines:
+        for line in map(_in_language, lines) if language.spoken() else lines:
             click.echo(_plain(line, stream), file=stream)
         return
     draw(lines, console_of(stream), stream)
@@ -107,7 +107,7 @@ def draw(lines: Iterable[str], console: Console, stream: TextIO) -> None:
     """Draw lines on a console, which may have a live display below."""
     from beltcomm.result import Line
 
-    for block in _blocks(map(in_language, lines) if language.spoken() else lines):
+    for block in _blocks(map(_in_language, lines) if language.spoken() else lines):
         if isinstance(block, Line):
             _draw_line(block, console)
         elif isinstance(block, str):

@@ -97,6 +97,16 @@ def cascade_step(
     Parameters
     ----------
     coefficients, state : ndarray (23,), (10,)
+    reference_position_rad : float, rad
+        φ_d, motor shaft.
+    reference_velocity_rad_s : float, rad/s
+        ω_d.
+    reference_acceleration_rad_s2 : float, rad/s²
+        dω_d/dt.
+    position_rad : float, rad
+        φ, as the encoder shows it.
+    extra_torque_nm : float, N m
+        Added to the loop's, motor shaft.
     """
     error = coefficients[3] * (reference_position_rad - position_rad)
     return _velocity_loop(

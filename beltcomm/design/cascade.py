@@ -97,6 +97,8 @@ def design_cascade(plants: Sequence[DesignPlant], structure: CascadeStructure, s
         Positions, payloads and damping values the loop must hold for (``with_friction_fractions`` for the last).
     structure : CascadeStructure
         What the drive offers; its period, prefilters, bounds and steps are those of the result.
+    specification : Specification or None
+        Margins to be kept; None for the usual ones.
     """
     specification = specification or Specification()
     search, proof = _sample_plants(plants, structure)

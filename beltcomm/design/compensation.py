@@ -46,6 +46,14 @@ def compensation(model: Model, feedforward: Feedforward, trajectory: Trajectory,
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
+    feedforward : Feedforward
+        Of the drive, with its advance.
+    trajectory : Trajectory
+        Of the carriage.
+    period_s : float, s
+        Of the samples of the result.
     time_s : float
         Session's clock at the start, for friction that warms up.
     """

@@ -69,6 +69,10 @@ def lead_motion(model: Model, carriage: Trajectory, advance_s: float = 0.0, *, f
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
+    carriage : Trajectory
+        Motion of the carriage.
     advance_s : float
         By which the torque will be sent ahead; there is as much more rest before the motion.
     friction : bool
@@ -84,9 +88,9 @@ def lead_motion(model: Model, carriage: Trajectory, advance_s: float = 0.0, *, f
     if "cart" not in model.base_bodies:
         raise UsageError("the model has no belt that could stretch, so a compliant feedforward says nothing; use nonlinear")
     period = carriage.sample_period_s
-    window = smoothing_window(model, carriage)
+    window = _smoothing_window(model, carriage)
     y = with_rest_before(carriage, 2 * window + math.ceil(advance_s / period))
-    ratio, inertia, mass = model["transmission.ratio"], motor_side_inertia(model), moved_mass(model)
+    ratio, inertia, mass = model["transmission.ratio"], _motor_side_inertia(model), _moved_mass(model)
     damping, level = model.get("belt_damping.damping"), model.get("cart_friction.level")
     speed = np.where(np.abs(y.velocity_m_s) > REST_M_S, y.velocity_m_s, 0.0)
     own, at_carriage = (np.array(part) for part in zip(*_effects(model, y, speed, time_s), strict=True))
@@ -117,6 +121,10 @@ def torque_along(led: Leading, feedforward: Feedforward, ratio: float) -> Array:
 
     Parameters
     ----------
+    led : Leading
+        As of :func:`lead_motion`.
+    feedforward : Feedforward
+        Of the drive, with its advance.
     ratio : float
         i_t, m/rad.
     """
@@ -150,7 +158,7 @@ def compliance(model: Model, places_m: Array) -> Array:
     return np.interp(places_m, grid, soft)
 
 
-def smoothing_window(model: Model, carriage: Trajectory) -> int:
+def _smoothing_window(model: Model, carriage: Trajectory) -> int:
     """Samples over which the stretch is averaged: near ``WINDOW_SHARE`` of a period of the lowest resonance.
 
     Parameters
@@ -214,7 +222,7 @@ def with_rest_before(path: Trajectory, samples: int) -> Trajectory:
     )
 
 
-def moved_mass(model: Model) -> float:
+def _moved_mass(model: Model) -> float:
     """Mass of everything that moves along the belt.
 
     Parameters
@@ -230,7 +238,7 @@ def moved_mass(model: Model) -> float:
     return sum(model[name] for name, body in model.bodies() if not body.rotary)
 
 
-def motor_side_inertia(model: Model) -> float:
+def _motor_side_inertia(model: Model) -> float:
     """Inertia of everything that turns with the motor.
 
     Parameters

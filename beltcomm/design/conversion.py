@@ -99,6 +99,8 @@ def to_pid(cascade: Cascade, period_s: float = 0.0) -> Pid:
 
     Parameters
     ----------
+    cascade : Cascade
+        The controller.
     period_s : float
         T of the discrete loops, s; 0 is the continuous form.
 
@@ -134,6 +136,8 @@ def to_cascades(pid: Pid, period_s: float = 0.0) -> Cascades:
 
     Parameters
     ----------
+    pid : Pid
+        Gains and weights at the motor shaft.
     period_s : float
         As in :func:`to_pid`.
 

@@ -36,6 +36,10 @@ def feedforward_from(
 
     Parameters
     ----------
+    structure : CascadeStructure
+        Terms that the drive has.
+    kind : FeedforwardKind
+        "nonlinear", "linear" or "none".
     inertia_kg_m2 : float
         m_e = Θ_e + i_t² m_c, kg m².
     viscous_nm_s_rad, coulomb_nm : float

@@ -214,8 +214,14 @@ def gains_of_knobs(plants: KnobPlants, prefilter: Prefilter, velocity_filter_s: 
 
     Parameters
     ----------
+    plants : KnobPlants
+        On which gains are searched and proven.
+    prefilter : Prefilter
+        In front of the velocity controller.
     velocity_filter_s : float
         T_R, s.
+    knobs : Knobs
+        Phase margins and suppression.
     """
     asked = specification_of(knobs, prefilter, velocity_filter_s)
     shape = loop_shape(plants.search, prefilter, velocity_filter_s)

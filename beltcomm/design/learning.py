@@ -86,6 +86,8 @@ def learning_filter(
         Place of the motor after one sample of torque, m per N m, sample by sample.
     plants : sequence of ndarray
         The same of each plant.
+    period_s : float, s
+        Of the samples.
     noise_m : float
         rms of the error's noise, m.
     worth_nm : float

@@ -84,6 +84,12 @@ def led_reference(
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
+    carriage : Trajectory
+        Motion of the carriage.
+    cascade : Cascade
+        The controller.
     structure : CascadeStructure
         Of the drive, with the period of its loop.
     delay_s : float

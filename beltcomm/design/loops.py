@@ -190,6 +190,12 @@ def open_loops(plant: DesignPlant, cascade: Cascade, period_s: float, omega_rad_
 
     Parameters
     ----------
+    plant : DesignPlant
+        With its dead time.
+    cascade : Cascade
+        The controller.
+    period_s : float, s
+        T of the controller.
     omega_rad_s : ndarray (n,), rad/s
         Above 0, at most π/T.
     """
@@ -316,6 +322,10 @@ def frequencies(plants: Sequence[DesignPlant], period_s: float, points: int) -> 
     ----------
     plants : sequence of DesignPlant
         With equally many bodies.
+    period_s : float, s
+        T of the controller.
+    points : int
+        Of each part of the grid, about.
     """
     # A hair below π/T, where the Butterworth filter has a zero and no logarithm.
     nyquist = 0.999 * math.pi / period_s

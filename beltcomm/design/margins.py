@@ -134,6 +134,10 @@ def margins(cascade: Cascade, plants: Sequence[DesignPlant], period_s: float) ->
 
     Parameters
     ----------
+    cascade : Cascade
+        The controller.
+    plants : sequence of DesignPlant
+        Each with its dead time.
     period_s : float, s
         Sampling period of the drive's loops.
 

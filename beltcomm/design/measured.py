@@ -131,6 +131,8 @@ def measured_loop(response: FrequencyResponse, cascade: Cascade, period_s: float
     Parameters
     ----------
     response : FrequencyResponse, rad/(N m), motor shaft
+    cascade : Cascade
+        The controller.
     period_s : float
         Of the drive's loops.
     dead_time_s : float

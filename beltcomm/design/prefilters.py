@@ -19,6 +19,10 @@ def notch_width(resonance_rad_s: float, antiresonance_rad_s: float, attenuation_
 
     Parameters
     ----------
+    resonance_rad_s : float, rad/s
+        ω_r.
+    antiresonance_rad_s : float, rad/s
+        ω_z.
     attenuation_db : float, dB
         Below 0, such as −6.
 

@@ -126,7 +126,7 @@ def _best_on(
     least_kpp = max(structure.lowest.get("kpp_1_s", 0.0), structure.steps.get("kpp_1_s", 0.0))
     for tn in tn_grid:
         unit = unit_loop(shape, tn)
-        top = highest_kp(unit, shape, structure, specification, float(tn))
+        top = _highest_kp(unit, shape, structure, specification, float(tn))
         velocity_allowed = allowed_gains(unit, shape, specification.phase_margin_deg, specification)
         if velocity_allowed is None:
             continue
@@ -167,7 +167,7 @@ def unit_loop(shape: LoopShape, tn: float) -> ComplexArray:
     return np.asarray((1.0 + shape.integrator / tn) * shape.without_pi)
 
 
-def highest_kp(unit: ComplexArray, shape: LoopShape, structure: CascadeStructure, specification: Specification, tn: float) -> float:
+def _highest_kp(unit: ComplexArray, shape: LoopShape, structure: CascadeStructure, specification: Specification, tn: float) -> float:
     """K_P that the resonance suppression and the drive's bounds allow at this T_N.
 
     Parameters

@@ -62,6 +62,8 @@ def margin_spread(draws: Sequence[Sequence[DesignPlant]], cascade: Cascade, peri
     ----------
     draws : sequence of sequence of DesignPlant
         Equally many plants each, equally many bodies.
+    cascade : Cascade
+        The controller.
     period_s : float
         Of the drive's loops.
 
@@ -87,8 +89,8 @@ def margin_spread(draws: Sequence[Sequence[DesignPlant]], cascade: Cascade, peri
     gains = np.minimum(_gain_margins_db(velocity), _gain_margins_db(position))
     # By plant of each draw; the sensitivity negative, so that the least is the worst of all four.
     found = {
-        "phase_margin_deg": smallest_phase_margins_deg(velocity),
-        "position_phase_margin_deg": smallest_phase_margins_deg(position),
+        "phase_margin_deg": _smallest_phase_margins_deg(velocity),
+        "position_phase_margin_deg": _smallest_phase_margins_deg(position),
         "gain_margin_db": gains,
         "sensitivity_db": 20.0 * np.log10(nearest),
     }
@@ -155,7 +157,7 @@ def responses_together(advance: Array, new: Array, old: Array, whole: IntArray, 
     return np.asarray(top * z ** -(whole[:, None] + 1.0))
 
 
-def smallest_phase_margins_deg(loop: ComplexArray) -> Array:
+def _smallest_phase_margins_deg(loop: ComplexArray) -> Array:
     """Phase margin of every row, as ``margins.phase_margin``.
 
     Parameters

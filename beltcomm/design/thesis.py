@@ -63,8 +63,18 @@ def thesis_design(
 
     Parameters
     ----------
+    plant : DesignPlant
+        With its dead time.
     kind : PrefilterKind or Prefilter
         Of the prefilter, laid out by −6 dB (notch) or −3 dB (Butterworth) at the antiresonance; or a prefilter as it is.
+    velocity_filter_s : float, s
+        T_R.
+    phase_margin_deg : float, deg
+        Of the velocity loop.
+    suppression_db : float, dB
+        Of the open velocity loop at the resonance.
+    position_phase_margin_deg : float, deg
+        Of the position loop.
 
     Raises
     ------
@@ -167,6 +177,10 @@ def velocity_loop(plant: DesignPlant, cascade: Cascade, omega_rad_s: Array) -> C
 
     Parameters
     ----------
+    plant : DesignPlant
+        With its dead time.
+    cascade : Cascade
+        The controller.
     omega_rad_s : ndarray (n,), rad/s
         Above 0.
 

@@ -22,6 +22,12 @@ def stiffness(x: float, specific_stiffness: float, pulley_distance: float, offse
     ----------
     x : float, m
         Carriage position.
+    specific_stiffness : float, N
+        EA of the belt.
+    pulley_distance : float, m
+        l3.
+    offset : float, m
+        From the driving pulley to the carriage at x = 0.
 
     References
     ----------

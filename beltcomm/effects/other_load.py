@@ -12,13 +12,35 @@ _ORDINAL = ("second", "third", "fourth")
 def mass_in_record(own: float, stated: float) -> float:
     """Mass that moves with the motor in a record, in place of the model's own:  m + stated, kg (kg m² without a carriage).
 
-    own : of the load that the record names.   stated : beyond that, in the record's sidecar.   Source: (2.25) with another m_c.
+    Parameters
+    ----------
+    own : float, kg
+        Of the load that the record names.
+    stated : float, kg
+        Beyond that, in the record's sidecar.
+
+    References
+    ----------
+    (2.25) with another m_c.
     """
     return own + stated
 
 
 def other_load(number: int, *, at_motor: bool = False) -> Effect:
-    """The load of a number, from 1, as the mass of the carriage; of an axis that knows no carriage, as the inertia of all that turns."""
+    """The load of a number, from 1, as the mass of the carriage; of an axis that knows no carriage, as the inertia of all that turns.
+
+    Parameters
+    ----------
+    number : int
+        From 1; the order of the records' loads.
+    at_motor : bool
+        True for an axis whose model has no carriage.
+
+    Returns
+    -------
+    Effect
+        With one parameter: a mass, kg at the carriage, or an inertia, kg m² at the motor.
+    """
     name = ("other_inertia" if at_motor else "other_load") + (f"_{number}" if number > 1 else "")
     which = f"in records with the {_ORDINAL[number - 1]} load"
     title = "all that turns" if at_motor else "carriage with payload"

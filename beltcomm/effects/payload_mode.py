@@ -38,7 +38,18 @@ def trials(ground: AxisSummary) -> list[Trial]:
 
 
 def implausible(values: Mapping[str, float]) -> str:
-    """True if it does not swing at all: a belt that creeps was imitated by such a payload with a damping ratio of 1.8."""
+    """Sentence on a payload that does not swing at all: a belt that creeps was imitated by such a payload with a damping ratio of 1.8.
+
+    Parameters
+    ----------
+    values : mapping of str to float
+        ``damping``, N s/m, ``stiffness``, N/m, and ``payload.mass``, kg.
+
+    Returns
+    -------
+    str
+        "" for one that swings.
+    """
     ratio = values["damping"] / (2.0 * math.sqrt(values["stiffness"] * values["payload.mass"]))
     return f"a payload that creeps back instead of swinging (damping ratio {ratio:.2g})" if ratio > SWINGING else ""
 

@@ -113,8 +113,16 @@ def edges_of(
     ----------
     motion : Motion
         Position in m of times in s, both ndarray of one shape; continuous.
+    duration_s : float, s
+        Of the record.
+    increment_m : float, m
+        Δξ_min.
+    tick_s : float, s
+        Δt_min of the timer.
     scan_s : float
         The motion must not turn twice within twice this time, s.
+    flaws : Flaws or None
+        Of the encoder; None for an ideal one.
 
     Raises
     ------
@@ -264,6 +272,13 @@ class Increments:
 
 def count_increments(edges: Edges, *, debounce: bool = True) -> Increments:
     """All edges of a record through the state machine.
+
+    Parameters
+    ----------
+    edges : Edges
+        In the order of time.
+    debounce : bool
+        As of :func:`beltcomm.encoder.kernel.new_decoder`.
 
     Raises
     ------

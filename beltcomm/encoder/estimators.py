@@ -74,6 +74,11 @@ class EstimatorSettings:
 def checked(settings: EstimatorSettings) -> EstimatorSettings:
     """The settings as they are.
 
+    Parameters
+    ----------
+    settings : EstimatorSettings
+        Increment, m, tick, period and lags, s.
+
     Raises
     ------
     UsageError
@@ -101,6 +106,11 @@ def coefficients(settings: EstimatorSettings) -> Array:
     """Numbers of the compiled steps: ndarray (9,).
 
     Δξ, Δt, T_s, poles of T_R and of the low-pass, T_s and T_out in ticks, extension (0 none, 1 printed, 2 bounded), guarded (0 or 1).
+
+    Parameters
+    ----------
+    settings : EstimatorSettings
+        Increment, m, tick, period and lags, s.
 
     Raises
     ------
@@ -157,6 +167,14 @@ def velocities(
 
     Parameters
     ----------
+    edges : Edges
+        In the order of time.
+    settings : EstimatorSettings
+        Increment and tick as those of the edges.
+    duration_s : float, s
+        Of the record.
+    debounce : bool
+        As of :func:`count_increments`.
     start_velocity_m_s : float
         What the lags read before.
 

@@ -21,12 +21,27 @@ def lowest_speed_m_s(increment_m: float, time_s: float) -> float:
 
     (6.3) of the difference (6.9) and (6.5) of the event counter with T_s: two increments can lie in a period from this speed on, but do
     so in every period only from twice this speed on.   (6.18) of the gate measurement with T_out.
+
+    Parameters
+    ----------
+    increment_m : float, m
+        Δξ_min, of the carriage.
+    time_s : float, s
+        T_s or T_out.
     """
     return increment_m / time_s
 
 
 def highest_speed_m_s(increment_m: float, tick_s: float) -> float:
-    """Δξ_min/Δt_min, m/s: (6.6) and (6.15), one increment per tick."""
+    """Δξ_min/Δt_min, m/s: (6.6) and (6.15), one increment per tick.
+
+    Parameters
+    ----------
+    increment_m : float, m
+        Δξ_min, of the carriage.
+    tick_s : float, s
+        Δt_min of the timer.
+    """
     return increment_m / tick_s
 
 
@@ -90,18 +105,49 @@ def event_counter_envelope_percent(speed_m_s: ArrayLike, increment_m: float, tic
     """(6.12): 100 ξ/((ξ T_s/Δξ_min − 1) ξ_h,max), percent: (6.11) with the floor at its lowest.   nan up to Δξ_min/T_s.
 
     The true worst case lies above it, see :func:`event_counter_worst_percent`.
+
+    Parameters
+    ----------
+    speed_m_s : array_like, m/s
+        ξ, of the carriage.
+    increment_m : float, m
+        Δξ_min.
+    tick_s : float, s
+        Δt_min of the timer.
+    period_s : float, s
+        T_s.
     """
     intervals = increments_real(speed_m_s, increment_m, period_s) - 1.0
     return 100.0 * _array(speed_m_s) / (_above_zero(intervals) * highest_speed_m_s(increment_m, tick_s))
 
 
 def event_counter_worst_percent(speed_m_s: ArrayLike, increment_m: float, tick_s: float, period_s: float) -> Array:
-    """(C.5) with the fewest intervals that a period can hold and the time measured too short, percent; nan below 2 Δξ_min/T_s."""
+    """(C.5) with the fewest intervals that a period can hold and the time measured too short, percent; nan below 2 Δξ_min/T_s.
+
+    Parameters
+    ----------
+    speed_m_s : array_like, m/s
+        ξ, of the carriage.
+    increment_m : float, m
+        Δξ_min.
+    tick_s : float, s
+        Δt_min of the timer.
+    period_s : float, s
+        T_s.
+    """
     return event_counter_error_exact_percent(speed_m_s, increment_m, tick_s, period_s, sign=-1, fewest=True)
 
 
 def event_counter_limit_percent(tick_s: float, period_s: float) -> float:
-    """(6.13): 100 Δt_min/T_s, percent, which (6.11) and (6.12) tend to for high speeds (printed as an argmin)."""
+    """(6.13): 100 Δt_min/T_s, percent, which (6.11) and (6.12) tend to for high speeds (printed as an argmin).
+
+    Parameters
+    ----------
+    tick_s : float, s
+        Δt_min of the timer.
+    period_s : float, s
+        T_s.
+    """
     return 100.0 * tick_s / period_s
 
 
@@ -117,6 +163,12 @@ def gate_error_percent(speed_m_s: ArrayLike, increment_m: float, tick_s: float, 
 
     Parameters
     ----------
+    speed_m_s : array_like, m/s
+        ξ, of the carriage.
+    increment_m : float, m
+        Δξ_min.
+    tick_s : float, s
+        Δt_min of the timer.
     sign : int
         1 for a time measured too long, −1 for too short (worse).
     """
@@ -131,6 +183,12 @@ def crossing_speed_m_s(increment_m: float, tick_s: float, period_s: float, *, si
 
     Parameters
     ----------
+    increment_m : float, m
+        Δξ_min.
+    tick_s : float, s
+        Δt_min of the timer.
+    period_s : float, s
+        T_s.
     sign : int
         1 as printed; it belongs to a gate time measured too long, the smaller error. −1 : to the larger, which is the worst case the source
         speaks of.
@@ -150,12 +208,31 @@ def high_pass_worst_percent(speed_m_s: ArrayLike, increment_m: float, period_s: 
 
     The position is wrong by at most an increment; the first weight of (1 − z⁻¹)/(T_R + T_s − T_R z⁻¹) is 1/(T_R + T_s), all later ones
     are negative and together its opposite.   With T_R = 0 it is 100 ξ_min/ξ of (6.3).
+
+    Parameters
+    ----------
+    speed_m_s : array_like, m/s
+        ξ, of the carriage.
+    increment_m : float, m
+        Δξ_min.
+    period_s : float, s
+        T_s.
+    lag_s : float, s
+        T_R, of the filter behind the difference.
     """
     return 100.0 * increment_m / ((lag_s + period_s) * _array(speed_m_s))
 
 
 def high_pass_delay_s(period_s: float, lag_s: float) -> float:
-    """T_R + T_s/2, s: how far (6.1) by backward differences lags behind a steady acceleration (not in the source)."""
+    """T_R + T_s/2, s: how far (6.1) by backward differences lags behind a steady acceleration (not in the source).
+
+    Parameters
+    ----------
+    period_s : float, s
+        T_s.
+    lag_s : float, s
+        T_R, of the filter behind the difference.
+    """
     return lag_s + 0.5 * period_s
 
 
@@ -163,6 +240,15 @@ def event_counter_delay_s(speed_m_s: ArrayLike, increment_m: float, period_s: fl
     """Least and largest delay of (6.4) under acceleration, s: (T_s ∓ Δξ_min/ξ)/2 (not in the source).
 
     It is the true velocity midway between the first and the last increment; these lie at most an increment's time inside the period.
+
+    Parameters
+    ----------
+    speed_m_s : array_like, m/s
+        ξ, of the carriage.
+    increment_m : float, m
+        Δξ_min.
+    period_s : float, s
+        T_s.
     """
     gap = gate_time_s(speed_m_s, increment_m)
     return 0.5 * (period_s - gap), 0.5 * (period_s + gap)
@@ -172,6 +258,13 @@ def gate_delay_s(speed_m_s: ArrayLike, increment_m: float) -> tuple[Array, Array
     """Least and largest delay of (6.14) under acceleration, s: Δξ_min/(2 ξ) to 3 Δξ_min/(2 ξ) (not in the source).
 
     The last increment is up to one increment's time old, and the middle of the gap half of one older.
+
+    Parameters
+    ----------
+    speed_m_s : array_like, m/s
+        ξ, of the carriage.
+    increment_m : float, m
+        Δξ_min.
     """
     gap = gate_time_s(speed_m_s, increment_m)
     return 0.5 * gap, 1.5 * gap

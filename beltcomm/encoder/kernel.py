@@ -163,7 +163,13 @@ def _resynchronise(registers: IntArray, level_a: int, level_b: int) -> None:
 
 @compiled
 def close_period(registers: IntArray) -> None:
-    """Begin a new sampling period, after all edges up to its instant were taken and the estimators have read the old one."""
+    """Begin a new sampling period, after all edges up to its instant were taken and the estimators have read the old one.
+
+    Parameters
+    ----------
+    registers : ndarray of int
+        Of all estimators, two halves; changed in place.
+    """
     for half in (0, _SIZE):
         registers[half + INCREMENTS] = registers[half + FIRST_TICK] = registers[half + STEPS] = 0
 
@@ -174,8 +180,16 @@ def take_stretch(registers: IntArray, before_m: float, after_m: float, begin_tic
 
     Parameters
     ----------
+    registers : ndarray of int
+        Of all estimators; changed in place.
     before_m, after_m : float, m
         At begin_tick and ``ticks`` later; the levels in ``registers`` are those of before_m.
+    begin_tick : int
+        At which the stretch begins.
+    ticks : int
+        That it lasts.
+    increment_m : float, m
+        Δξ_min.
     """
     line, last = math.floor(before_m / increment_m), math.floor(after_m / increment_m)
     while line != last:

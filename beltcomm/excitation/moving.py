@@ -102,6 +102,12 @@ def moving_excitation(excitation: Excitation, speed_m_s: float, strokes: int, ra
 
     Parameters
     ----------
+    excitation : Excitation
+        That is added while the speed is constant.
+    speed_m_s : float, m/s
+        Of the carriage.
+    strokes : int
+        One after the other, there and back.
     ramp, settle : float, s
 
     Raises

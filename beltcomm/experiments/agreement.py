@@ -67,6 +67,16 @@ def agree(
 
     Parameters
     ----------
+    plan : Plan
+        What is planned.
+    options : Options
+        Settings of the session.
+    talk : Talk
+        Hears progress and answers questions.
+    drive : Drive
+        Connected.
+    axis : Axis
+        As its file states it.
     machine, agreement
         Of a command with records, which can be played on a twin first.
 
@@ -136,7 +146,29 @@ def _asked(plan: Plan, options: Options, talk: Talk, machine: Machine | None, ag
 
 
 def plan_result(plan: Plan, capabilities: Capabilities | None = None, options: Options | None = None, axis: Axis | None = None) -> Result:
-    """A plan that is only shown."""
+    """A plan that is only shown.
+
+    Parameters
+    ----------
+    plan : Plan
+        With or without what is known of the drive.
+    capabilities : Capabilities or None
+        Of the drive; None leaves out what depends on it.
+    options : Options or None
+        Window, homing and wishes of the session.
+    axis : Axis or None
+        As its file states it.
+
+    Returns
+    -------
+    Result
+        Exit code 1 for a plan that will be refused.
+
+    Raises
+    ------
+    UsageError
+        For a place outside the travel.
+    """
     if capabilities and axis and options:
         plan = _whole(plan, axis, capabilities, options)
         referencing.require_inside(axis, options.position_m)

@@ -64,7 +64,15 @@ class Experiment:
 
 
 def peak_torque_nm(axis: Axis, capabilities: Capabilities) -> float:
-    """Peak torque that motor and drive both give, N m, motor shaft."""
+    """Peak torque that motor and drive both give, N m, motor shaft.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets; a peak that is not stated does not bound.
+    capabilities : Capabilities
+        Of the drive.
+    """
     return min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
 
 
@@ -82,6 +90,20 @@ def stroking_nm(axis: Axis, capabilities: Capabilities, share: float = phases.GE
     """Torque with which a share of the belt's force is used to accelerate the lightest carriage, beside friction and gravity, N m.
 
     Gentle motions, which nobody asked for, take no more than the motor bears for ever.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    capabilities : Capabilities
+        Of the drive.
+    share : float
+        Of the belt's force; 0 leaves friction and gravity.
+
+    Returns
+    -------
+    float, N m
+        Motor shaft.
     """
     ratio = axis.transmission_m_rad
     force = share * axis.belt_force_limit_n
@@ -92,7 +114,22 @@ def stroking_nm(axis: Axis, capabilities: Capabilities, share: float = phases.GE
 
 
 def course_before(axis: Axis, capabilities: Capabilities, mass_kg: float) -> Course:
-    """Limits of motions with a carriage of this mass, from the data sheets alone."""
+    """Limits of motions with a carriage of this mass, from the data sheets alone.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    capabilities : Capabilities
+        Of the drive.
+    mass_kg : float, kg
+        Carriage with payload.
+
+    Returns
+    -------
+    Course
+        Ends of travel and strokes, m, limits of gentle and of fast motions at the carriage, and the sampling period.
+    """
     low, high = axis.travel.ends_m
     margin = phases.stroke_share(capabilities) * (high - low)
     top = phases.SPEED_SHARE * top_speed_m_s(axis, capabilities)
@@ -110,7 +147,13 @@ def course_before(axis: Axis, capabilities: Capabilities, mass_kg: float) -> Cou
 
 
 def gentle_force_n(axis: Axis) -> float:
-    """Belt force of strokes, N: a third of its limit, and on a tilted axis the weight it carries all the time."""
+    """Belt force of strokes, N: a third of its limit, and on a tilted axis the weight it carries all the time.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    """
     held = abs(gravity.expected(axis).torque_nm) / axis.transmission_m_rad if axis.mounting.tilted else 0.0
     return phases.GENTLE_SHARE * axis.belt_force_limit_n + held
 
@@ -187,6 +230,17 @@ def fastest_m_s(axis: Axis, capabilities: Capabilities, steps: Sequence[Step], m
 
 def lines_of(axis: Axis, capabilities: Capabilities, steps: Sequence[Step], model: Model | None = None) -> list[Experiment]:
     """The plan's lines of several steps.
+
+    Parameters
+    ----------
+    axis : Axis
+        As its file states it.
+    capabilities : Capabilities
+        Of the drive.
+    steps : sequence of Step
+        In their order.
+    model : Model or None
+        Of the axis; None while none is known.
 
     Raises
     ------

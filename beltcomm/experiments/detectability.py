@@ -180,6 +180,22 @@ def with_detectability(plan: Plan, axis: Axis, capabilities: Capabilities, optio
 
     1.5 s of calculation, kept for the next time; a quick session leaves it out and says what shows it.   The first time on a machine
     its kernels are compiled, too, which a later ``diagnose`` needs as well.
+
+    Parameters
+    ----------
+    plan : Plan
+        Of a commissioning.
+    axis : Axis
+        As its file states it.
+    capabilities : Capabilities
+        Of the drive.
+    options : Options
+        Extent, and what is to be shown.
+
+    Returns
+    -------
+    Plan
+        With notes; a quick session's say how to ask.
     """
     if options.quick and not options.visible:
         return replace(plan, notes=(*plan.notes, UNSAID))

@@ -58,7 +58,15 @@ def line(axis: Axis, capabilities: Capabilities) -> tuple[Experiment, ...]:
 
 
 def experiment(axis: Axis, capabilities: Capabilities) -> Experiment:
-    """The plan's line."""
+    """Line of the plan for the steps that tell what the drive's gains mean.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    capabilities : Capabilities
+        Of the drive.
+    """
     torque = WATCHED * TORQUE_SHARE * min(axis.torque_limit_nm, capabilities.peak_torque_nm)
     force = min(torque / axis.transmission_m_rad, axis.belt_force_limit_n)
     return Experiment("small steps: what its gains mean", TRAVEL_M, REACH_M, SPEED_M_S, torque, force, SECONDS)
@@ -90,6 +98,13 @@ def ensure(machine: Machine, breakaway_nm: float) -> float:
 def adopt(machine: Machine, found: Calibration) -> list[str]:
     """Believe a measurement: tell the drive, keep it in the run.
 
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    found : Calibration
+        Constants of this drive.
+
     Returns
     -------
     list of str
@@ -117,6 +132,8 @@ def measure(machine: Machine, breakaway_nm: float) -> Calibration:
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
     breakaway_nm : float
         Friction at standstill.
 

@@ -296,7 +296,22 @@ def _integrate(machine: Machine, centre_nm: float, friction_nm: float) -> Settle
 
 
 def plausibility(holding: Holding, model: Model, axis: Axis) -> list[str]:
-    """Holding torque found against that of the mass found at the tilt stated, in words:  τ_g = i_t m_c g sin(α)."""
+    """Holding torque found against that of the mass found at the tilt stated, in words:  τ_g = i_t m_c g sin(α).
+
+    Parameters
+    ----------
+    holding : Holding
+        As measured, N m at the motor shaft.
+    model : Model
+        With the carriage's mass, kg.
+    axis : Axis
+        With its tilt, deg.
+
+    Returns
+    -------
+    list of str
+        One line, indented.
+    """
     mass, tilt = model.parameters["cart.mass"], axis.mounting.tilt_deg
     would = gravity.holding_torque_nm(axis, mass.value, tilt)
     share = (mass.interval or 0.0) / mass.value
@@ -319,7 +334,13 @@ def plausibility(holding: Holding, model: Model, axis: Axis) -> list[str]:
 
 
 def lines(holding: Holding) -> list[str]:
-    """The comparison as a table in plain text."""
+    """The ways to measure the holding torque, side by side, as a table in plain text.
+
+    Parameters
+    ----------
+    holding : Holding
+        As measured, N m at the motor shaft.
+    """
     low, high = holding.bounds_nm
     friction = holding.friction_nm
 

@@ -110,10 +110,24 @@ def learn(
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        Of the axis.
+    cascade : Cascade
+        The controller.
+    delay_s : float, s
+        Of the torque path.
+    trajectory : Trajectory
+        The move, at the carriage.
+    count : int
+        Repetitions.
     name_of : callable
         A free name for the next recording.
     learnt : Learnt
         Gets each repetition as soon as it is driven, so that what stops a later one loses none.
+    sending : Sending
+        Way in which the host leads the move.
 
     Raises
     ------

@@ -117,6 +117,10 @@ def require_offered(capabilities: Capabilities, way: Way, parameters: frozenset[
 
     Parameters
     ----------
+    capabilities : Capabilities
+        Of the drive.
+    way : Way
+        Of identifying in closed loop.
     parameters : frozenset of str
         Names that the drive offers.
 
@@ -147,6 +151,14 @@ def plan_job(machine: Machine, findings: Findings, model: Model, way: Way, base_
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
+    findings : Findings
+        With the delay.
+    model : Model
+        Of the axis.
+    way : Way
+        Of identifying in closed loop.
     base_speed_m_s : float or None
         None is chosen here, 0 stands.
 
@@ -206,7 +218,15 @@ def plan_job(machine: Machine, findings: Findings, model: Model, way: Way, base_
 
 
 def plan_of(machine: Machine, job: LoopJob) -> Plan:
-    """The plan that the user is shown."""
+    """Plan of a closed-loop record as the user is shown it: short records that rise, and a long one.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    job : LoopJob
+        Loop, signal and predicted motion.
+    """
     axis, told, period = machine.axis, job.prediction, job.loop.sample_period_s
     low, high = machine.envelope().window_m
     signal = f"±{job.step.amplitude:.3g} {job.unit} of {'torque' if job.loop.into == 'torque' else 'speed setpoint'}"

@@ -29,7 +29,29 @@ from beltcomm.rundata.findings import Findings
 
 
 def record_all(machine: Machine, findings: Findings, job: LoopJob, *, ask: bool) -> Recording:
-    """Close the loop, let the amplitude rise, and make the record; returns it.   Raises what the machine raises."""
+    """Close the loop, let the amplitude rise, and make the record.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    findings : Findings
+        Filled as it goes.
+    job : LoopJob
+        Loop, signal and predicted motion.
+    ask : bool
+        True if a person agrees before the loop is closed.
+
+    Returns
+    -------
+    Recording
+        The long one.
+
+    Raises
+    ------
+    BeltcommError
+        What the machine raises.
+    """
     machine.titles = TITLES
     machine.begin(TITLES[0])
     sequence.close_loop(machine, findings, job.model, job.cascade, job.margin_deg, ask=ask)
@@ -46,7 +68,20 @@ def record_all(machine: Machine, findings: Findings, job: LoopJob, *, ask: bool)
 
 
 def slowest_share(recording: Recording, counts_per_rev: int) -> float:
-    """Least motor speed over its mean while excited, from differences of the angle less one count; nan where the carriage stood."""
+    """Least motor speed over its mean while excited, from differences of the angle less one count; nan where the carriage stood.
+
+    Parameters
+    ----------
+    recording : Recording
+        Excited around a constant speed.
+    counts_per_rev : int
+        Of the encoder.
+
+    Returns
+    -------
+    float
+        Smallest of all periods; negative where the motor turned back.
+    """
     note = recording.sidecar.excitation
     if note is None or not note.base_speed_m_s or not note.period_starts or not note.period_samples:
         return math.nan

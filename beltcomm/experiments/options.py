@@ -298,6 +298,11 @@ setattr(Options, "__signature__", signature(Options.__init__).replace(parameters
 def settings_of(options: Options) -> Settings:
     """Settings that the sequence on the machine needs.
 
+    Parameters
+    ----------
+    options : Options
+        Settings of the session.
+
     Raises
     ------
     UsageError
@@ -327,6 +332,17 @@ def claim(folder: RunFolder, capabilities: Capabilities, options: Options, talk:
 
     A calibration that was edited since is asked for, where the drive's gains mean nothing without it.
 
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    capabilities : Capabilities
+        Of the drive.
+    options : Options
+        Settings of the session.
+    talk : Talk
+        Hears progress and answers questions.
+
     Raises
     ------
     UsageError
@@ -343,6 +359,17 @@ def claim(folder: RunFolder, capabilities: Capabilities, options: Options, talk:
 
 def admit_edited(file: str, edited: bool, options: Options, talk: Talk) -> None:
     """Say of a file that goes to a machine that beltcomm did not write it so, and ask; ``yes`` alone is no answer.
+
+    Parameters
+    ----------
+    file : str
+        Its name, for the sentence.
+    edited : bool
+        True if it is not as beltcomm wrote it.
+    options : Options
+        Settings of the session.
+    talk : Talk
+        Hears progress and answers questions.
 
     Raises
     ------
@@ -362,6 +389,11 @@ def admit_edited(file: str, edited: bool, options: Options, talk: Talk) -> None:
 def given(options: Options | None) -> Options:
     """The options, all safe where there are none.
 
+    Parameters
+    ----------
+    options : Options or None
+        As they were given.
+
     Raises
     ------
     UsageError
@@ -375,6 +407,11 @@ def given(options: Options | None) -> Options:
 def axis_of(axis: Axis | Place) -> Axis:
     """An axis, or the one of a file or a shipped name.
 
+    Parameters
+    ----------
+    axis : Axis or Place
+        Path or name of an axis file.
+
     Raises
     ------
     UsageError
@@ -387,6 +424,16 @@ def new_folder(run: Path, axis: Axis, drive: Drive, options: Options, talk: Talk
 
     Parameters
     ----------
+    run : Path
+        Of the run folder.
+    axis : Axis
+        As its file states it.
+    drive : Drive
+        Connected.
+    options : Options
+        Settings of the session.
+    talk : Talk
+        Hears progress and answers questions.
     reached_as : str
         What the drive is called on the command line.
 

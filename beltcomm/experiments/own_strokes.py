@@ -28,7 +28,13 @@ HANDING_OVER, SLOW_M_S = 12, 0.05
 
 
 def unguarded_words(capabilities: Capabilities) -> str:
-    """Sentence for a plan on the loss of the host; nothing where the drive is guarded."""
+    """Sentence for a plan on the loss of the host; nothing where the drive is guarded.
+
+    Parameters
+    ----------
+    capabilities : Capabilities
+        Of the drive.
+    """
     if stroking(capabilities) != "profile":
         return ""
     return (

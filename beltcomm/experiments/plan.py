@@ -223,6 +223,10 @@ def identify_plan(
 
     Parameters
     ----------
+    axis : Axis
+        As its file states it.
+    capabilities : Capabilities
+        Of the drive.
     window_m : tuple of float or None
         To be kept, from where it stands.
     asked : AskedExcitation
@@ -244,7 +248,22 @@ def identify_plan(
 
 
 def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "standard") -> Plan:
-    """The whole job."""
+    """The whole job.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    capabilities : Capabilities
+        Of the drive.
+    extent : Extent
+        Of the records.
+
+    Returns
+    -------
+    Plan
+        Experiments in their order, with way, speed, torque, force and seconds, and bounds of the whole.
+    """
     whole = axis.travel.length_m
     torque = peak_torque_nm(axis, capabilities)
     moved = _move_speed_m_s(axis, capabilities)
@@ -276,7 +295,22 @@ def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "st
 
 
 def with_homing(plan: Plan, axis: Axis, capabilities: Capabilities) -> Plan:
-    """The plan with the search of the drive's zero before everything else."""
+    """The plan with the search of the drive's zero before everything else.
+
+    Parameters
+    ----------
+    plan : Plan
+        Of what follows.
+    axis : Axis
+        Data sheets.
+    capabilities : Capabilities
+        Of the drive.
+
+    Returns
+    -------
+    Plan
+        No longer bare.
+    """
     whole = axis.travel.length_m
     torque = peak_torque_nm(axis, capabilities)
     speed = top_speed_m_s(axis, capabilities)
@@ -291,7 +325,15 @@ SWEPT = "travel its whole length in closed loop at seven speeds, both ways, with
 
 
 def friction_plan(axis: Axis, capabilities: Capabilities) -> Plan:
-    """The sweep alone."""
+    """Plan of the friction sweep alone.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    capabilities : Capabilities
+        Of the drive.
+    """
     kinds = capabilities.kinds
     seconds = SWEEP_SECONDS + MOVE_SECONDS + sign_seconds(axis, kinds) + own_strokes.longest_sweep_s(axis, capabilities)
     return Plan(
@@ -324,7 +366,31 @@ def move_plan(
     rms_nm: float | None = None,
     verb: str = "move",
 ) -> Plan:
-    """One move."""
+    """Plan of one move.
+
+    Parameters
+    ----------
+    axis : Axis
+        That is named.
+    travel_m : float, m
+        Way of the carriage.
+    reach_m : float, m
+        Largest distance that it may get from where it begins.
+    speed_m_s : float, m/s
+        Highest.
+    torque_nm : float, N m, motor shaft
+        Largest.
+    force_n : float, N
+        Largest belt force.
+    seconds : float, s
+        How long it takes.
+    what : str
+        What the carriage will do, as it follows "will".
+    rms_nm : float or None, N m, motor shaft
+        Torque that heats; None where it is not known.
+    verb : str
+        Of the command line.
+    """
     return Plan(
         tr("The carriage of {name} will {what}.", name=axis.name or tr("the axis"), what=what),
         (Experiment("move", travel_m, reach_m, speed_m_s, torque_nm, force_n, seconds, rms_nm),),
@@ -339,6 +405,12 @@ def verification_plan(
 
     Parameters
     ----------
+    axis : Axis
+        As its file states it.
+    model : Model
+        Of the axis.
+    path : Trajectory
+        Of the carriage.
     braking : Braking
         Of its loop.
     stops : StopsOutOfMove

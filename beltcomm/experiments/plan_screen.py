@@ -25,7 +25,22 @@ WHOLE = 0.98
 
 
 def plan_screen(plan: Plan, axis: Axis, capabilities: Capabilities) -> list[Line]:
-    """Up to 22 lines of 80 columns."""
+    """The plan as a screen: up to 22 lines of 80 columns.
+
+    Parameters
+    ----------
+    plan : Plan
+        To be agreed to.
+    axis : Axis
+        Data sheets.
+    capabilities : Capabilities
+        Of the drive.
+
+    Returns
+    -------
+    list of Line
+        A plan of more lines loses the empty one below the title.
+    """
     name = axis.name or tr("axis without a name")
     title = Line(" ", (f"beltcomm {plan.verb}".rstrip(), "title"), "   ", (name, "title"), f"   {tr('drive')}: {capabilities.name}"[:WIDE])
     warning = Line("  ", (tr("THE AXIS WILL MOVE BY ITSELF.  Keep people, tools and cables out."), "bad"))

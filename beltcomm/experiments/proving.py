@@ -70,10 +70,24 @@ def verify_move(
 
     Parameters
     ----------
-    learnt : ndarray (n,) or None, N m
-        Torque that repetitions of the move have taught, sent along too; n: samples of the trajectory and its rest.
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        Of the axis.
+    cascade : Cascade
+        The controller.
+    delay_s : float, s
+        Of the torque path.
+    trajectory : Trajectory
+        The move, at the carriage.
+    name : str
+        Of the record.
     payloads_kg : sequence of float
         Further ones that the design holds for, noted with the record, see :mod:`beltcomm.rundata.proof`.
+    sending : Sending
+        Way in which the host leads the move.
+    learnt : ndarray (n,) or None, N m
+        Torque that repetitions of the move have taught, sent along too; n: samples of the trajectory and its rest.
     agreed_n : float
         Belt force that a lost host may make beyond its limit, because somebody agreed to it, N.
 

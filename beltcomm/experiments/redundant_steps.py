@@ -42,7 +42,15 @@ class Before:
 
 
 def record_showing(step: Step, before: Before) -> str:
-    """Name of the record that shows what the step would, "" for none."""
+    """Name of the record that shows what the step would, "" for none.
+
+    Parameters
+    ----------
+    step : Step
+        Of a record schedule.
+    before : Before
+        Records there are, and how they were made.
+    """
     return next((r.name for r in before.recordings if shows(r, step, before)), "")
 
 

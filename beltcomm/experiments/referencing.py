@@ -29,6 +29,10 @@ def reference(machine: Machine, settings: Settings, *, needed: bool = True) -> t
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
+    settings : Settings
+        Place, window and homing that were asked for.
     needed : bool
         False when a record at the present place will do, inside a window that the operator states or confirms.
 
@@ -118,8 +122,12 @@ def slow_payload(axis: Axis, mass_kg: float, payload_kg: float | None) -> str | 
 
     Parameters
     ----------
+    axis : Axis
+        As its file states it.
     mass_kg : float
         Of the carriage as it is.
+    payload_kg : float or None, kg
+        The further one; None for none.
     """
     allowed = axis.belt_force_limit_n / (mass_kg + (payload_kg or 0.0))
     if not payload_kg or allowed >= SLOW_M_S2:
@@ -131,7 +139,22 @@ def slow_payload(axis: Axis, mass_kg: float, payload_kg: float | None) -> str | 
 
 
 def refuse_window(capabilities: Capabilities, position_m: float | None, *, home: bool) -> None:
-    """Raise UsageError for a window where the whole travel will be used."""
+    """Refuse a window where the whole travel will be used.
+
+    Parameters
+    ----------
+    capabilities : Capabilities
+        Of the drive; one that is referenced knows its place.
+    position_m : float or None, m
+        Where the carriage stands, as the operator says.
+    home : bool
+        True if the drive searches its zero first.
+
+    Raises
+    ------
+    UsageError
+        Where the place is or will be known.
+    """
     if position_m is not None or home or capabilities.referenced:
         raise UsageError(
             "--window keeps the carriage near where it stands, but the place is known and commissioning uses the whole travel; leave "
@@ -140,13 +163,39 @@ def refuse_window(capabilities: Capabilities, position_m: float | None, *, home:
 
 
 def suitable(axis: Axis) -> None:
-    """Raise UsageError unless the axis file has what the whole job needs, Refused for an axis tilted too much for its load."""
+    """Refuse an axis that the whole job cannot do.
+
+    Parameters
+    ----------
+    axis : Axis
+        As its file states it.
+
+    Raises
+    ------
+    UsageError
+        For entries that the job needs and the file does not have.
+    Refused
+        For an axis tilted too much for its load.
+    """
     axis.require("commission", *axis.needs)
     gravity.suitable(axis)
 
 
 def same_tilt(axis: Axis, model: Model) -> None:
-    """Raise UsageError for an axis file that stands otherwise than the plant that it is to be simulated with."""
+    """Refuse an axis file that stands otherwise than the plant that it is to be simulated with.
+
+    Parameters
+    ----------
+    axis : Axis
+        As its file states it.
+    model : Model
+        The plant.
+
+    Raises
+    ------
+    UsageError
+        When the tilts differ by more than ``LEVEL_DEG``.
+    """
     tilt_deg = math.degrees(model.get("tilt.angle"))
     if abs(tilt_deg - axis.mounting.tilt_deg) > LEVEL_DEG:
         raise UsageError(

@@ -205,7 +205,18 @@ def twin_of(axis: Axis, folder: RunFolder) -> tuple[Model, str]:
 
 
 def sheet_twin(axis: Axis) -> tuple[Model, str]:
-    """A machine by its data sheets alone, and in words what they do not tell."""
+    """A machine by its data sheets alone, and in words what they do not tell.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+
+    Returns
+    -------
+    tuple of Model and str
+        Model, and words for the plan.
+    """
     model = sheet_model(axis)
     if axis.mounting.tilted:
         guess = gravity.expected(axis)

@@ -27,7 +27,20 @@ def is_crept(axis: Axis, kinds: Collection[str] = ("torque",)) -> bool:
 
 
 def sign_words(axis: Axis, kinds: Collection[str] = ("torque",)) -> str:
-    """Of :func:`check_sign`, for a plan: what comes before what the carriage does then."""
+    """Words of a plan for what :func:`check_sign` does, before what the carriage does then.
+
+    Parameters
+    ----------
+    axis : Axis
+        As its file states it.
+    kinds : collection of str
+        Of setpoint that the drive takes.
+
+    Returns
+    -------
+    str
+        "" where nothing is crept.
+    """
     return tr(_WORDS) if is_crept(axis, kinds) else ""
 
 
@@ -40,6 +53,11 @@ def check_sign(machine: Machine) -> None:
     """Let the carriage creep a little towards the middle of its travel under slowly rising torque.
 
     Nothing moves where :func:`is_crept` says so.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
 
     Raises
     ------

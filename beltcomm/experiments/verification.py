@@ -87,6 +87,13 @@ class StandardMove:
 def standard_move(machine: Machine, model: Model) -> StandardMove:
     """The standard move of this axis, admissible for its model.
 
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        Of the axis.
+
     Raises
     ------
     Refused
@@ -133,12 +140,48 @@ def _kept_inside(machine: Machine, model: Model, cascade: Cascade, delay_s: floa
 
 
 def slowed_move(machine: Machine, model: Model, cascade: Cascade, delay_s: float) -> StandardMove:
-    """The standard move, as fast as belt, a lost host and, where its limits are our choice, the settled error let it be."""
+    """The standard move, as fast as belt, a lost host and, where its limits are our choice, the settled error let it be.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        For which it is predicted.
+    cascade : Cascade
+        The controller.
+    delay_s : float, s
+        Of the torque path.
+
+    Returns
+    -------
+    StandardMove
+        With a remark on what bounds it.
+    """
     return _settling(machine, model, cascade, delay_s, _kept_inside(machine, model, cascade, delay_s))
 
 
 def predicted_stops(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> StopsOutOfMove:
-    """The worst stops out of a move, with a led reference where the drive gets one."""
+    """The worst stops out of a move, with a led reference where the drive gets one.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        For which they are predicted.
+    cascade : Cascade
+        The controller.
+    delay_s : float, s
+        Of the torque path.
+    trajectory : Trajectory
+        The move, at the carriage.
+
+    Returns
+    -------
+    StopsOutOfMove
+        Way, m, and belt force, N.
+    """
     drive, path, running = in_drive(machine, delay_s), with_dwell(trajectory, REST_S), cascade
     sent = path
     if leads := uses_led_reference(machine.drive, machine.axis, cascade):
@@ -168,7 +211,28 @@ def _way(machine: Machine) -> tuple[float, float]:
 def move_asked_for(
     machine: Machine, model: Model, cascade: Cascade, delay_s: float, file: Path | None, name: str | None
 ) -> tuple[Trajectory, str]:
-    """The user's own move from a file, the 0 to 0.5 m move with limits named in axis.yaml, or the standard move; and a remark."""
+    """The user's own move from a file, the 0 to 0.5 m move with limits named in axis.yaml, or the standard move; and a remark.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        For which the standard move is slowed.
+    cascade : Cascade
+        The controller.
+    delay_s : float, s
+        Of the torque path.
+    file : Path or None
+        Of the user's own move; it goes first.
+    name : str or None
+        Of limits under ``trajectories`` in axis.yaml.
+
+    Returns
+    -------
+    tuple of Trajectory and str
+        Move at the carriage, and "" where there is nothing to remark.
+    """
     period = machine.drive.capabilities.sample_period_s
     if file is not None:
         return load_move(file, period, machine.axis), ""
@@ -193,7 +257,22 @@ def admissible(machine: Machine, model: Model, start: float, end: float, limits:
 
 
 def uses_led_reference(drive: Drive, axis: Axis, cascade: Cascade) -> bool:
-    """True if the reference is led by the inverse of the drive's cascade: known gains without feedforward, on a level axis."""
+    """True if the reference is led by the inverse of the drive's cascade: known gains without feedforward, on a level axis.
+
+    Parameters
+    ----------
+    drive : Drive
+        Connected.
+    axis : Axis
+        As its file states it.
+    cascade : Cascade
+        That runs in it.
+
+    Returns
+    -------
+    bool
+        For this axis and drive.
+    """
     own = drive.capabilities
     return own.gains != "unknown" and can_lead(own.structure, cascade) and not axis.mounting.tilted
 
@@ -247,6 +326,24 @@ def within_target(machine: Machine, model: Model, cascade: Cascade, delay_s: flo
 
     One that takes longer than ``LONGEST_SLOW_MOVE_S`` is only named; a short one at constant speed takes its place, in which the
     integrator must break friction free within the target.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        For which the errors are predicted.
+    cascade : Cascade
+        The controller.
+    delay_s : float, s
+        Of the torque path.
+    standard : StandardMove
+        The standard move, slowed for belt and stops.
+
+    Returns
+    -------
+    tuple of Trajectory and str
+        Move at the carriage, and "" where there is nothing to remark.
     """
     if uses_led_reference(machine.drive, machine.axis, cascade):
         return _led_within_target(machine, model, cascade, delay_s, standard)
@@ -380,7 +477,22 @@ def broken_limits(machine: Machine, model: Model, trajectory: Trajectory, spare_
 
 
 def refuse_broken(machine: Machine, model: Model, trajectory: Trajectory) -> None:
-    """Raise Refused for a move that would break a limit, with the limits and the fastest admissible version of it."""
+    """Refuse a move that would break a limit of the axis.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        For which the limits are asked.
+    trajectory : Trajectory
+        At the carriage.
+
+    Raises
+    ------
+    Refused
+        With the limits, and the fastest version of it that is admitted.
+    """
     broken = broken_limits(machine, model, trajectory)
     if broken:
         raise Refused("the move is refused: " + "; ".join(broken) + _fastest(machine, model, trajectory))

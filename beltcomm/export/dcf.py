@@ -23,6 +23,8 @@ def dcf_text(values: Sequence[ObjectValue], about: Mapping[str, str], notes: Seq
 
     Parameters
     ----------
+    values : sequence of ObjectValue
+        Objects with their raw values.
     about : Mapping[str, str]
         vendor_id, product_code, device_name, node, bitrate (kbit/s), when: what is known of them.
     notes : sequence of str

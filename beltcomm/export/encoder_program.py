@@ -211,9 +211,23 @@ travelled = 0
 
 
 def encoder_of(settings: EstimatorSettings, provenance: Mapping[str, str], notes: Sequence[str]) -> Controller:
-    """The exported form of the estimators.
+    """The exported form of the velocity estimators.
 
     Raises UsageError for a setting out of its range.
+
+    Parameters
+    ----------
+    settings : EstimatorSettings
+        Increment, m, tick, period and lags, s.
+    provenance : mapping of str to str
+        Where the numbers are from.
+    notes : sequence of str
+        Sentences for the head of the file.
+
+    Returns
+    -------
+    Controller
+        Coefficients by name.
     """
     s = checked(settings)
     if not math.isfinite(s.timeout_s):

@@ -39,7 +39,7 @@ _TITLE = "Position and velocity from the edges of an incremental encoder: state 
 _PREFIX = "beltcomm_encoder"
 
 
-def as_yaml(controller: Controller) -> str:
+def _as_yaml(controller: Controller) -> str:
     """Coefficients with units, states, inputs, and the equations in words and symbols."""
     return to_yaml(
         {
@@ -59,7 +59,7 @@ def as_yaml(controller: Controller) -> str:
     )
 
 
-def as_c(controller: Controller) -> str:
+def _as_c(controller: Controller) -> str:
     """One self-contained C99 file: double, or float with ``-DBELTCOMM_REAL=float``, times and counts in 64 bits; no memory of its own."""
     state, design = f"{_PREFIX}_state *s", f"const {_PREFIX}_coefficients *c"
     reset = signature(f"void {_PREFIX}_reset", [state, *(c_variable(_PREFIX, q) for q in RESET_INPUTS)])
@@ -88,7 +88,7 @@ def as_c(controller: Controller) -> str:
     return "\n".join(lines) + "\n"
 
 
-def as_structured_text(controller: Controller) -> str:
+def _as_structured_text(controller: Controller) -> str:
     """A function block in structured text (IEC 61131-3), LREAL and LINT."""
     said = heading(
         controller,
@@ -118,4 +118,4 @@ def as_structured_text(controller: Controller) -> str:
 
 
 #: Format -> what makes it.
-FORMATS: Mapping[str, Callable[[Controller], str]] = {"yaml": as_yaml, "c": as_c, "st": as_structured_text}
+FORMATS: Mapping[str, Callable[[Controller], str]] = {"yaml": _as_yaml, "c": _as_c, "st": _as_structured_text}

@@ -278,9 +278,15 @@ def controller_of(
 
     Parameters
     ----------
+    cascade : Cascade
+        The controller.
     period_s : float, s
     torque_limit_nm : float, N m
         Motor shaft.
+    provenance : mapping of str to str
+        Where the numbers are from.
+    notes : sequence of str
+        Sentences for the head of the file.
 
     Raises
     ------

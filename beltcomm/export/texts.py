@@ -44,13 +44,26 @@ _TITLE = "Cascade of position, velocity and torque for a servo drive, discrete, 
 
 
 def text_of(controller: Controller, format_: str) -> str:
-    """The controller in one of :data:`FORMATS`.   Raises UsageError for another format."""
+    """The controller in one of :data:`FORMATS`.
+
+    Parameters
+    ----------
+    controller : Controller
+        Coefficients and statements.
+    format_ : str
+        Key of :data:`FORMATS`.
+
+    Raises
+    ------
+    UsageError
+        For another format.
+    """
     if format_ not in FORMATS:
         raise UsageError(f"there is no format {format_!r}; there are {', '.join(FORMATS)}")
     return FORMATS[format_](controller)
 
 
-def as_yaml(controller: Controller) -> str:
+def _as_yaml(controller: Controller) -> str:
     """Coefficients with units, states, inputs, and the difference equations in words and symbols."""
     return to_yaml(
         {
@@ -73,7 +86,7 @@ def as_yaml(controller: Controller) -> str:
 # C99
 
 
-def as_c(controller: Controller) -> str:
+def _as_c(controller: Controller) -> str:
     """One self-contained C99 file: double, or float with ``-DBELTCOMM_REAL=float``; no library, no memory of its own."""
     one, state, design = "beltcomm_real", "beltcomm_state *s", "const beltcomm_coefficients *c"
     inputs = [f"{one} {q.name}" for q in INPUTS]
@@ -113,7 +126,7 @@ def as_c(controller: Controller) -> str:
 # IEC 61131-3
 
 
-def as_structured_text(controller: Controller) -> str:
+def _as_structured_text(controller: Controller) -> str:
     """A function block in structured text (IEC 61131-3), LREAL."""
     said = heading(
         controller,
@@ -143,4 +156,4 @@ def as_structured_text(controller: Controller) -> str:
 
 
 #: Format -> what makes it.
-FORMATS: Mapping[str, Callable[[Controller], str]] = {"yaml": as_yaml, "c": as_c, "st": as_structured_text}
+FORMATS: Mapping[str, Callable[[Controller], str]] = {"yaml": _as_yaml, "c": _as_c, "st": _as_structured_text}

@@ -74,6 +74,8 @@ def band_of(data: Data, model: Model) -> float:
 
     Parameters
     ----------
+    data : Data
+        The records.
     model : Model
         As a fit has it, for inertia and belt.
     """
@@ -96,6 +98,11 @@ def shared_band(*seen: tuple[Data, Model]) -> float:
     """Edge of the band in which several models are held against each other, Hz: the narrowest of theirs.
 
     One whose inertia has gone to nothing would let the rounding of the others count as their error.
+
+    Parameters
+    ----------
+    *seen : tuple of Data and Model
+        Records, and the model fitted to them.
     """
     return min(band_of(data, model) for data, model in seen)
 
@@ -169,6 +176,10 @@ def changes(data: Data, before: Fitted, after: Fitted, ahead: Data | None = None
     ----------
     data : Data
         Records as that model sees them.
+    before : Fitted
+        Fit of the one model.
+    after : Fitted
+        Fit of the other, to the same records.
     ahead : Data or None
         As the model after does; the same without it.
     """

@@ -82,6 +82,8 @@ def fit_base(
     ----------
     data : Data
         With the reading taken for the torque that acts.
+    start : Model
+        Model that the fit begins from.
     fixed : sequence of str
         Parameters that stay.
     path : TorquePath or None
@@ -90,6 +92,8 @@ def fit_base(
         The data sheets, for what the records do not tell.
     publish : bool
         With the finest steps, and reversals, for numbers that are shown; else as a search goes on from it.
+    progress : callable
+        Hears the share that is done, 0 to 1.
     """
     found = _fit_base(data, start, fixed, path, publish, progress)
     while sheet is not None and (name := next_to_hold(found[1], sheet)) is not None:
@@ -209,6 +213,10 @@ def likeliest_path(data: Data, fitted: Fitted, *, fixed: Sequence[str] = ()) -> 
 
     Parameters
     ----------
+    data : Data
+        The records.
+    fitted : Fitted
+        Model, fitted to the records.
     fixed : sequence of str
         Parameters that stay.
 
@@ -307,7 +315,26 @@ def refit_with_reversals(data: Data, fitted: Fitted, *, fixed: Sequence[str] = (
 def refit_with_rebuilt_motion(
     data: Data, fitted: Fitted, iterations: int, substeps: int = SUBSTEPS, *, fixed: Sequence[str] = ()
 ) -> tuple[Data, Fitted]:
-    """Motion and noise rebuilt by a fitted model, and the model fitted to them; as they were where nothing comes of it."""
+    """Motion and noise rebuilt by a fitted model, and the model fitted to them; as they were where nothing comes of it.
+
+    Parameters
+    ----------
+    data : Data
+        The records.
+    fitted : Fitted
+        By the motion as it is in ``data``.
+    iterations : int
+        At most.
+    substeps : int
+        Of a sample, for the rebuilt motion.
+    fixed : sequence of str
+        Parameters that are held, by full name.
+
+    Returns
+    -------
+    tuple of Data and Fitted
+        As they came where fewer than ``LEAST_LEFT`` of the samples are left, or the error grows.
+    """
     ahead = remade(data, fitted.model, OFFSET_M * fitted.offsets, substeps)
     left, before = (sum(np.count_nonzero(piece.keep) for piece in which.fitted) for which in (ahead, data))
     if not before or left < LEAST_LEFT * before:
@@ -337,6 +364,10 @@ def in_groups_of(data: Data, fitted: Fitted, like: Data) -> tuple[Data, Fitted]:
 
     Parameters
     ----------
+    data : Data
+        The records.
+    fitted : Fitted
+        Model, fitted to the records.
     like : Data
         The same stretches, as a model sees them that is held against this one.
     """
@@ -353,7 +384,20 @@ def in_groups_of(data: Data, fitted: Fitted, like: Data) -> tuple[Data, Fitted]:
 
 
 def ratio_in_groups_of(one: Fitted, other: Fitted) -> float:
-    """Error over the noise of one fit where as many neighbours make a value as in another: else they see other frequencies."""
+    """Error over the noise of one fit where as many neighbours make a value as in another: else they see other frequencies.
+
+    Parameters
+    ----------
+    one : Fitted
+        Whose error is asked.
+    other : Fitted
+        Whose groups count, of the same records.
+
+    Returns
+    -------
+    float
+        rms of the whitened residual, 1 at the noise.
+    """
     parts = np.split(one.residual, one.problem.ends[1:-1])
     squares = [
         (replace(piece, group=beside.group).group_sums(white) if piece.group == 1 else white) ** 2

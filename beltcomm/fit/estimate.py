@@ -113,8 +113,16 @@ def fit(
 
     Parameters
     ----------
+    data : Data
+        The records.
+    model : Model
+        Of the axis.
+    iterations : int
+        At most.
     offsets : ndarray or None
         Scaled start offsets to begin with.
+    fixed : sequence of str
+        Parameters that are held, by full name.
     enough : float
         Gain of O that is not worth another iteration, nats.
     goal : float
@@ -286,6 +294,12 @@ def problem_of(data: Data, model: Model, fixed: Sequence[str] = (), block_s: flo
 
     Parameters
     ----------
+    data : Data
+        The records.
+    model : Model
+        Of the axis.
+    fixed : sequence of str
+        Parameters that are held, by full name.
     block_s : float, s
         Segments of time with one weight.
     """

@@ -90,6 +90,8 @@ def least_in_band(problem: Problem, begin: Array, band_hz: float) -> Array:
 
     Parameters
     ----------
+    problem : Problem
+        Segments and free parameters.
     begin : ndarray
         Unknowns of the problem.
     band_hz : float, Hz

@@ -149,12 +149,26 @@ def prepare_records(
 
     Parameters
     ----------
+    recordings : sequence of Recording
+        Of a run.
+    model : Model
+        Of the axis.
+    noise_nm : float, N m rms
+        Of the torque.
+    step_rad : float, rad
+        Step of the encoder.
     shares : dict of str to tuple of float
         By record, :func:`rounding_shares`; all of it white where it is missing.
     usual : int
         Fine steps a sample.
     path : TorquePath
         Of the torque.
+    reversals : bool
+        As of :class:`Data`.
+    colour : float
+        As of :class:`Data`.
+    single : bool
+        As of :class:`Data`.
     coupled : bool
         With steps of time for a coupling, whatever the model.
     """

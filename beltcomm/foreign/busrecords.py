@@ -88,6 +88,10 @@ def records_of(
 
     Parameters
     ----------
+    log : FrameLog
+        Frames with their times, s.
+    axis : Axis
+        As its file states it.
     node : int or None
         None takes the one whose position is on the bus.
     torque_acts : Literal['after', 'before'] or None

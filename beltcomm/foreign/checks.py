@@ -33,7 +33,25 @@ class DrivesItsMotor(DataError):
 
 
 def check(recording: Recording) -> tuple[str, ...]:
-    """Sentences on what looks odd.   Raises DataError for a position that wraps, signs that contradict, or an impossible speed."""
+    """Sentences on what looks odd in a recording from elsewhere.
+
+    Parameters
+    ----------
+    recording : Recording
+        In SI units.
+
+    Returns
+    -------
+    tuple of str
+        What was accepted first.
+
+    Raises
+    ------
+    DataError
+        For a position that wraps, signs that contradict, or an impossible speed.
+    DrivesItsMotor
+        For a record whose load drives its motor, and nobody has said why.
+    """
     if recording.is_static_map:
         return ()
     channels = CHANNELS[recording.side]

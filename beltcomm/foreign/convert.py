@@ -168,6 +168,10 @@ def convert(table: Table, reading: Reading, *, timed: bool = True, turns: Callab
 
     Parameters
     ----------
+    table : Table
+        Columns as they were read.
+    reading : Reading
+        Mappings, and what is kept and cut.
     timed : bool
         False for a static map, which has no time.
     turns : Callable or None

@@ -61,9 +61,19 @@ class EdgeTimes:
 
 
 def read_edges(path: Path) -> EdgeTimes:
-    """Edges of a file.
+    """Edges of an encoder in a file.
 
     Raises UsageError for a file that is none, DataError for columns that are no edges or times that fall.
+
+    Parameters
+    ----------
+    path : Path
+        Of a table, or one column of time stamps.
+
+    Returns
+    -------
+    EdgeTimes
+        With what was found out, in words.
     """
     table = _one_column(path) or read_table(path)
     table = Table(table.file, _numbers(table), table.units, table.notes)

@@ -105,6 +105,11 @@ class _Repairs:
 def load_object_file(path: Path) -> ObjectFile:
     """Read an EDS or DCF.
 
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+
     Raises
     ------
     DataError

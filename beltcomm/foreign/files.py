@@ -59,6 +59,10 @@ def parts_of(path: Path, reading: Reading, axis: Axis) -> list[Part]:
 
     Parameters
     ----------
+    path : Path
+        Of the file.
+    reading : Reading
+        Mappings, and what is kept and cut.
     axis : Axis
         Gives units that a log of frames does not show.
 

@@ -112,6 +112,11 @@ def kind_of_log(path: Path) -> LogKind | None:
     """Kind of log of frames that a file is, by its first bytes and lines; by its ending alone where those say nothing; None for no log.
 
     Raises OSError.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file, packed or not.
     """
     with opened(path) as file:
         begin = file.read(16)

@@ -82,10 +82,16 @@ def completed(
 
     Parameters
     ----------
+    table : Table
+        Columns as they were read.
     written : sequence of str
         What the user mapped; nothing is guessed when that and columns with our own names make a recording.
+    axis : Axis
+        As its file states it.
     timed : bool
         A time column is needed.
+    ask : Ask or None
+        Asks a person; None asks nobody.
 
     Raises
     ------
@@ -382,6 +388,17 @@ def template(table: Table, written: Sequence[str], guesses: Sequence[Guess]) -> 
 
 
 def mappings_in(text: str) -> list[str]:
-    """The mappings in a file that :func:`template` made and a person edited."""
+    """The mappings in a file that :func:`template` made and a person edited.
+
+    Parameters
+    ----------
+    text : str
+        Content of the file.
+
+    Returns
+    -------
+    list of str
+        ``CHANNEL=NAME*FACTOR``, without comments.
+    """
     lines = (line.strip() for line in text.splitlines())
     return [line.split("  #")[0].strip() for line in lines if line and not line.startswith("#")]

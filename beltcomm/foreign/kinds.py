@@ -84,7 +84,22 @@ _HEAD = 4096
 
 
 def kind_of_table(path: Path) -> TableKind:
-    """The reader that a file takes.   Raises UsageError for what is known and has none, DataError, OSError."""
+    """The reader that a file takes, by its first bytes.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file, packed or not.
+
+    Raises
+    ------
+    UsageError
+        For what is known and has no reader.
+    DataError
+        For what is no text and no kind that is known.
+    OSError
+        When it cannot be opened.
+    """
     with opened(path) as file:
         begin = file.read(_HEAD)
     if begin.startswith(b"\x1f\x8b"):

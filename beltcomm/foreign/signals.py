@@ -77,6 +77,16 @@ def by_hand(text: str) -> Signal:
     """``NAME=COB-ID:BYTE:TYPE``: identifier in hexadecimal; first byte, from 0; i8 to i64, u8 to u64, f32 or f64, "be": big endian.
 
     Raises UsageError.
+
+    Parameters
+    ----------
+    text : str
+        Of ``--signal``.
+
+    Returns
+    -------
+    Signal
+        The identifier is an extended one with more than three digits.
     """
     match = _BY_HAND.fullmatch(text.strip())
     if match is None or match["type"] not in _TYPES:
@@ -136,7 +146,25 @@ def dbc_apart(path: Path) -> Table:
 
 
 def table_of_signals(log: FrameLog, signals: Sequence[Signal]) -> Table:
-    """The signals that are in the log.   Raises DataError when none of them is."""
+    """The signals that are in a log of frames, as columns with clocks of their own.
+
+    Parameters
+    ----------
+    log : FrameLog
+        Frames with their times, s.
+    signals : sequence of Signal
+        Place in a frame, type and unit of each.
+
+    Returns
+    -------
+    Table
+        Those in fewer than two frames are left out.
+
+    Raises
+    ------
+    DataError
+        When none of them is in it.
+    """
     columns: dict[str, Array] = {}
     units: dict[str, str] = {}
     clocks: dict[str, str] = {}

@@ -230,7 +230,13 @@ def stem_and_ending(path: Path) -> tuple[str, str]:
 
 
 def recording_name(path: Path) -> str:
-    """A name for the recording of a file: letters, digits, '_', '-' and '.' of its own."""
+    """A name for the recording of a file: letters, digits, '_', '-' and '.' of its own.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+    """
     return for_file_name(stem_and_ending(path)[0], "imported", gap="_")
 
 

@@ -142,12 +142,12 @@ class AmplitudeStep:
     binds: str
 
 
-def no_stop(_model: Model) -> Braking:
+def _no_stop(_model: Model) -> Braking:
     """A stop that takes no way: where it is of no interest."""
     return Braking(np.inf, 0.0)
 
 
-def no_loss(_model: Model) -> tuple[HostLoss, ...]:
+def _no_loss(_model: Model) -> tuple[HostLoss, ...]:
     """A host that does not die: where it is of no interest."""
     return ()
 
@@ -180,8 +180,12 @@ def unknown_payload(
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
     stiffness_shares : tuple of float
         The softest and the stiffest belt thought of, as shares of the model's.
+    masses_kg : sequence of float, kg
+        Of the carriage with payload.
     """
     family = []
     for mass in masses_kg:
@@ -233,8 +237,14 @@ def not_ruled_out(family: Sequence[Model], recording: Recording, ratio: float, p
 
     Parameters
     ----------
+    family : sequence of Model
+        Of carriages of one axis.
+    recording : Recording
+        The record.
     ratio : float
         i_t, m/rad.
+    position_m : float, m
+        Carriage on the axis.
     """
     sample_s, torque = recording.sample_period_s, recording.torque if recording.torque_setpoint is None else recording.torque_setpoint
     went_m = ratio * float(np.ptp(recording.position))
@@ -253,8 +263,8 @@ def predict(
     torque: Array,
     sample_s: float,
     position_m: float,
-    braking: Callable[[Model], Braking] = no_stop,
-    losses: Callable[[Model], Sequence[HostLoss]] = no_loss,
+    braking: Callable[[Model], Braking] = _no_stop,
+    losses: Callable[[Model], Sequence[HostLoss]] = _no_loss,
 ) -> Prediction:
     """Worst case of one record over a family of models, starting at rest at ``position_m``.
 
@@ -301,15 +311,25 @@ def largest_amplitude(
     position_m: float,
     limits: MotionLimits,
     at_most_nm: float,
-    braking: Callable[[Model], Braking] = no_stop,
-    losses: Callable[[Model], Sequence[HostLoss]] = no_loss,
+    braking: Callable[[Model], Braking] = _no_stop,
+    losses: Callable[[Model], Sequence[HostLoss]] = _no_loss,
 ) -> AmplitudeStep:
     """The largest amplitude, up to ``at_most_nm``, for which every member of the family stays inside all limits.
 
     Parameters
     ----------
+    family : sequence of Model
+        Models that the axis may be.
     shape : ndarray (n,)
         The record with unit amplitude.
+    sample_s : float, s
+        Sampling period.
+    position_m : float, m
+        Carriage on the axis.
+    limits : MotionLimits
+        Of the axis.
+    at_most_nm : float, N m, motor shaft
+        What motor and drive allow.
     braking, losses : callable
         As :func:`predict`.
 

@@ -96,6 +96,12 @@ def course_of(t_s: Array, values: Array, intervals: Array, looked_at: int = 1) -
 
     Parameters
     ----------
+    t_s : ndarray (n,), s
+        Dates of the runs.
+    values : ndarray (n,)
+        Of any unit.
+    intervals : ndarray (n,)
+        Half widths in that unit.
     looked_at : int
         Quantities of which this is one; a drift is sure with 1 - 0.05/looked_at (Bonferroni).
 

@@ -106,10 +106,10 @@ def final_model(
         told = [r for r in recordings if r.name not in nowhere]
         found = final_model(told, axis, counts_per_rev, start=start, progress=progress)
         return replace(found, reason=f"{found.reason}; left out, because nobody knows where it was made: {', '.join(nowhere)}")
-    start = as_constant(start, float(np.median(at)) if at else 0.0)
+    start = _as_constant(start, float(np.median(at)) if at else 0.0)
     if start.rigid:
         fit = fit_model(recordings, start, counts_per_rev=counts_per_rev, sheet=data_sheet(axis, recordings), progress=progress)
-        refuse_jumps(recordings, fit, counts_per_rev)
+        _refuse_jumps(recordings, fit, counts_per_rev)
         return FinalModel(fit, None, RIGID)
     seldom = fit_seldom(recordings, start, counts_per_rev=counts_per_rev, passes=steady_passes(recordings, start))
     if seldom is not None and not seldom.suspect:
@@ -123,12 +123,12 @@ def final_model(
         if seldom is None:
             raise
         return FinalModel(seldom, None, ONE_PLACE)
-    refuse_jumps(recordings, constant, counts_per_rev)
-    constant = or_with_sheet_inertia(constant, axis, recordings, counts_per_rev)
+    _refuse_jumps(recordings, constant, counts_per_rev)
+    constant = _or_with_sheet_inertia(constant, axis, recordings, counts_per_rev)
     if seldom is not None and seldom.misfit < constant.misfit:
         return FinalModel(seldom, constant, ONE_PLACE)
     places = stiffness_by_record(recordings, constant.model, counts_per_rev, constant.noise_nm, constant.path)
-    spread = clear_spread(places)
+    spread = _clear_spread(places)
     if spread < STIFFNESS_SPREAD or not apart:
         progress(1.0)
         reason = f"stiffness differs by {100 * spread:.1f} % between places at most: taken as constant"
@@ -160,7 +160,7 @@ def final_model(
     )
 
 
-def or_with_sheet_inertia(fit: ModelFit, axis: Axis, recordings: Sequence[Recording], counts_per_rev: int) -> ModelFit:
+def _or_with_sheet_inertia(fit: ModelFit, axis: Axis, recordings: Sequence[Recording], counts_per_rev: int) -> ModelFit:
     """A fit far above the noise whose inertia left the data sheet's, with that inertia instead, where this explains hardly less.
 
     In a gap the motor swings alone: excited records show masses that are not there, as many as one likes, and a stiffness to each.  Strokes
@@ -197,7 +197,7 @@ def or_with_sheet_inertia(fit: ModelFit, axis: Axis, recordings: Sequence[Record
     return held if held.misfit < HARDLY**2 * fit.misfit else fit
 
 
-def refuse_jumps(recordings: Sequence[Recording], fit: ModelFit, counts_per_rev: int) -> None:
+def _refuse_jumps(recordings: Sequence[Recording], fit: ModelFit, counts_per_rev: int) -> None:
     """Raise DamagedRecord when a record that the fit does not explain is explained without a jump of its angle.
 
     Parameters
@@ -247,7 +247,7 @@ class PlaceStiffness:
     deviation: float
 
 
-def clear_spread(places: Mapping[str, PlaceStiffness]) -> float:
+def _clear_spread(places: Mapping[str, PlaceStiffness]) -> float:
     """Largest relative difference between two places that is beyond chance (``CLEAR`` deviations); 0 without any.
 
     Parameters
@@ -316,7 +316,7 @@ def stiffness_by_record(
     return found
 
 
-def as_constant(model: Model, position_m: float) -> Model:
+def _as_constant(model: Model, position_m: float) -> Model:
     """A model with the belt law by position, as one with the constant stiffness that the law has at a place.
 
     Parameters

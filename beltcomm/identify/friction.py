@@ -34,7 +34,13 @@ JUST_BELOW = 0.99
 
 
 def slowest_fitted_rad_s(ratio_m_rad: float) -> float:
-    """Sweeps below this are shown and not fitted, rad/s at the motor: the Stribeck effect acts there (3.6)."""
+    """Sweeps below this are shown and not fitted, rad/s at the motor: the Stribeck effect acts there (3.6).
+
+    Parameters
+    ----------
+    ratio_m_rad : float, m/rad
+        i_t, of the transmission.
+    """
     return JUST_BELOW * SWEEP_SLOWEST_M_S / ratio_m_rad
 
 

@@ -114,6 +114,13 @@ def shape_of(model: Model, position_m: float) -> Shape | None:
 
     Payload, coupling or end pulley take less inertia along than the carriage, or move in its place.
 
+    Parameters
+    ----------
+    model : Model
+        Of the axis.
+    position_m : float, m
+        Carriage on the axis.
+
     Raises
     ------
     UsageError
@@ -161,6 +168,8 @@ def find_landmarks(response: FrequencyResponse, expected: Pair, beside: Sequence
 
     Parameters
     ----------
+    response : FrequencyResponse, rad/(N m), motor shaft
+        Torque to motor angle.
     expected : Pair
         Where about.
     beside : sequence of Pair

@@ -114,6 +114,12 @@ def simulate_record(model: Model, loop: ClosedLoop, motion: MovingExcitation, st
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
+    loop : ClosedLoop
+        That the drive closes.
+    motion : MovingExcitation
+        Base motion and excitation.
     start_m : float
         Carriage, m.
     """
@@ -132,6 +138,14 @@ def predict_moving(
 
     Parameters
     ----------
+    family : sequence of Model
+        Models that the axis may be.
+    loop : ClosedLoop
+        That the drive closes.
+    motion : MovingExcitation
+        Base motion and excitation.
+    start_m : float, m
+        Carriage on the axis.
     braking : Braking or None
         Counted into the travel, where given.
     """
@@ -163,8 +177,18 @@ def largest_moving(
 
     Parameters
     ----------
+    family : sequence of Model
+        Models that the axis may be.
+    loop : ClosedLoop
+        That the drive closes.
     shape : MovingExcitation
         With unit amplitude.
+    start_m : float, m
+        Carriage on the axis.
+    limits : MotionLimits
+        Of the axis.
+    at_most : float
+        In the unit of the excitation.
     least : float
         Below it nothing is seen.
 

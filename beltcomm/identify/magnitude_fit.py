@@ -139,6 +139,8 @@ def fit_magnitude(
 
     Parameters
     ----------
+    response : FrequencyResponse, rad/(N m), motor shaft
+        Torque to motor angle.
     transmission_m_rad : float
         i_t = r/i_g, m/rad.
     inertia_kg_m2 : float or None

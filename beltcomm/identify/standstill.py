@@ -117,7 +117,7 @@ def friction_as_damping(level: float, amplitude: float) -> float:
     return 4.0 * level / (np.pi * amplitude)
 
 
-def motion_of(recording: Recording, model: Model) -> tuple[Array, Array]:
+def _motion_of(recording: Recording, model: Model) -> tuple[Array, Array]:
     """Speed of motor and of carriage, both rad/s at the motor, on a fine grid, from the first measured period on.
 
     The carriage follows the measured motor angle through the model's belt.
@@ -170,7 +170,7 @@ def standstill_of(recording: Recording, fit: MagnitudeFit, model: Model, sweep: 
     DataError
         For a record that is not around standstill.
     """
-    motor, cart = motion_of(recording, model)
+    motor, cart = _motion_of(recording, model)
     if abs(float(np.mean(motor))) > MOVING_SHARE * float(np.sqrt(np.mean(motor**2))):
         raise DataError(f"{recording.name} was made in motion, not around standstill: friction does not reverse there")
     ratio = model["transmission.ratio"]
@@ -183,7 +183,7 @@ def standstill_of(recording: Recording, fit: MagnitudeFit, model: Model, sweep: 
     predicted = viscous.value + float(gains.sum()) * coulomb.value
     return Standstill(
         recording.name,
-        apparent(fit),
+        _apparent(fit),
         parts(fit),
         viscous,
         amplitudes,
@@ -213,7 +213,7 @@ def parts(fit: MagnitudeFit) -> tuple[float, float]:
     return two.transmission_m_rad**2 * two.motor_damping_n_s_m, two.transmission_m_rad**2 * two.cart_damping_n_s_m
 
 
-def apparent(fit: MagnitudeFit) -> Value:
+def _apparent(fit: MagnitudeFit) -> Value:
     """i_t² (d_m + d_c) with its interval, from both intervals and their correlation; infinite where one is not determined.
 
     Parameters
@@ -275,7 +275,7 @@ def largest(
     if sweep is None:
         return None
     by_name = {r.name: r for r in recordings}
-    for name in sorted(fits, key=lambda n: -apparent(fits[n]).value):
+    for name in sorted(fits, key=lambda n: -_apparent(fits[n]).value):
         try:
             return standstill_of(by_name[name], fits[name], model, sweep)
         except DataError:

@@ -160,6 +160,8 @@ def note_of(sidecar: Sidecar, name: str) -> SweepNote:
 
     Parameters
     ----------
+    sidecar : Sidecar
+        Of the record.
     name : str
         Of the record.
 
@@ -185,6 +187,8 @@ def sweeps_of(recordings: Sequence[Recording], slowest_rad_s: float = 0.0, inert
 
     Parameters
     ----------
+    recordings : sequence of Recording
+        Of a run.
     slowest_rad_s : float
         As in :func:`fit_friction`.
     inertia_kg_m2 : float

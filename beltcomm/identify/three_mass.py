@@ -124,8 +124,16 @@ def compare_masses(
 
     Parameters
     ----------
+    recordings : sequence of Recording
+        Of a run.
+    axis : Axis
+        As its file states it.
+    counts_per_rev : int
+        Of the encoder.
     responses : dict of str to FrequencyResponse
         Of the excited records with repeated periods, by name.
+    progress : callable
+        Hears the share that is done, 0 to 1.
 
     Raises
     ------

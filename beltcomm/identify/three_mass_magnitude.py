@@ -66,21 +66,25 @@ def fit_magnitudes(
 
     Parameters
     ----------
-    start : Model
-        Three-mass model; its Coulomb friction is left out.
+    responses : mapping of str to FrequencyResponse, rad/(N m), motor shaft
+        By record.
     places_m : dict of str to float
         Of the responses, m.
+    start : Model
+        Three-mass model; its Coulomb friction is left out.
+    axis : Axis
+        As its file states it.
     """
     chosen = {name: chosen_lines(r, LINES, HIGHEST_SAMPLED) for name, r in responses.items()}
     if not chosen:
         return None
-    models = [linear_model(start, axis)]
+    models = [_linear_model(start, axis)]
     if axis.coupling.stiffness_nm_rad is not None:
-        models.append(with_coupling(models[0], axis))
+        models.append(_with_coupling(models[0], axis))
     return min((_fitted(chosen, places_m, model) for model in models), key=lambda fit: fit.rms_db)
 
 
-def linear_model(model: Model, axis: Axis) -> Model:
+def _linear_model(model: Model, axis: Axis) -> Model:
     """The model with viscous friction alone, at values that Coulomb friction poses as around standstill.
 
     Parameters
@@ -101,7 +105,7 @@ def linear_model(model: Model, axis: Axis) -> Model:
     return build_model(model.name, effects, values, origin="log-magnitude fit")
 
 
-def with_coupling(model: Model, axis: Axis) -> Model:
+def _with_coupling(model: Model, axis: Axis) -> Model:
     """The model with the data sheet's coupling as a spring at the motor shaft: half of it turns with the motor, half with the pulley.
 
     Parameters

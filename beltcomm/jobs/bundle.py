@@ -57,6 +57,10 @@ def write_bundle(run: Path, path: Path, *, recordings: bool = False, private: Se
 
     Parameters
     ----------
+    run : Path
+        Of the run folder.
+    path : Path
+        Of the file.
     recordings : bool
         With the rows of every record and foreign originals too; else their sidecars only.
     private : sequence of str

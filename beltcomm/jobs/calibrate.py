@@ -22,7 +22,20 @@ from beltcomm.talk import Talk
 
 
 def plan_of(axis: Axis, capabilities: Capabilities) -> Plan:
-    """Creep both ways, for sign and breakaway; then the steps.   Raises UsageError for an axis file that does not say enough."""
+    """Plan of a calibration: creep both ways, for sign and breakaway; then the steps.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    capabilities : Capabilities
+        Of the drive.
+
+    Raises
+    ------
+    UsageError
+        For an axis file that does not say enough.
+    """
     axis.require("calibrate", "pulley.effective_radius_m", "motor.inertia_kg_m2", "travel.min_m", "travel.max_m", "limits.speed_m_s")
     torque = BREAKAWAY_SHARE * min(axis.torque_limit_nm, capabilities.peak_torque_nm)
     creeping = Experiment(
@@ -47,8 +60,18 @@ def calibrate_on(drive: Drive, name: str, folder: RunFolder, settings: Settings,
 
     Parameters
     ----------
+    drive : Drive
+        Connected.
     name : str
         Of the drive.
+    folder : RunFolder
+        The run folder.
+    settings : Settings
+        Place of the carriage that was asked for.
+    agree : callable
+        Shows what will move and raises Refused for a no.
+    talk : Talk
+        Hears progress and answers questions.
 
     Raises
     ------

@@ -83,18 +83,18 @@ def add_to_run(
         Values before and after, and whether the effect is worth its parameters.
     """
     run, asked = place(run), word(effect, "effect")
-    refuse_load(stands_for(asked), run)
+    _refuse_load(stands_for(asked), run)
     here = open_fitted(run, talk or Silence())
     effect = stands_for(asked, behind_gap=needs_observer(here.fitted.model))
     if effect in here.fitted.model.effects:
-        found = made_already(here, f"+{effect}") if start is None else None
+        found = _made_already(here, f"+{effect}") if start is None else None
         if found is None:
             raise UsageError(f"the model of {run} has {effect} already; take it out with `beltcomm remove {effect} {pasted(run)}`")
         was, rung = found
         data, after, notes = here.data, here.fitted, words.made_already_notes(rung)
     else:
         was = here
-        data, after, rung = grow(here, effect, start, command, when)
+        data, after, rung = _grow(here, effect, start, command, when)
         notes = []
     notes += words.added_notes(asked, effect, is_replaceable_gap(data, after, effect_named(effect)))
     notes += words.narrower_lines(was.fitted, after)
@@ -106,7 +106,7 @@ def add_to_run(
     return Result({**result.data, "cost": price}, [*result.text[:-1], *lines, result.text[-1]])
 
 
-def grow(here: Opened, effect: str, start: Mapping[str, float] | None, command: str, when: str) -> tuple[Data, Fitted, Revision]:
+def _grow(here: Opened, effect: str, start: Mapping[str, float] | None, command: str, when: str) -> tuple[Data, Fitted, Revision]:
     """Records and model with an effect, saved as a rung.
 
     Raises
@@ -131,7 +131,7 @@ def grow(here: Opened, effect: str, start: Mapping[str, float] | None, command: 
     return data, after, revision_of(here.folder, (data, after), (here.data, here.fitted), change, command, when)
 
 
-def made_already(here: Opened, change: str) -> tuple[Opened, Revision] | None:
+def _made_already(here: Opened, change: str) -> tuple[Opened, Revision] | None:
     """The run as it was before its model's last change, and the rung, where that change is this one and the records are the same."""
     rung = current_revision(here.folder)
     if rung is None or not rung.parent or change not in rung.change.split() or changed_recordings(here.folder, rung):
@@ -140,7 +140,7 @@ def made_already(here: Opened, change: str) -> tuple[Opened, Revision] | None:
     return replace(here, data=data, fitted=fitted), rung
 
 
-def refuse_load(effect: str, run: Path) -> None:
+def _refuse_load(effect: str, run: Path) -> None:
     """Raise UsageError for an effect that comes with the records, and for none of the catalogue."""
     if effect_named(stands_for(effect)).slot == "load_of_record":
         raise UsageError(
@@ -176,11 +176,11 @@ def remove_from_run(
         Values before and after.
     """
     run, asked = place(run), word(effect, "effect")
-    refuse_load(asked, run)
+    _refuse_load(asked, run)
     here = open_fitted(run, talk or Silence())
     effect = stands_for(asked, behind_gap=asked in here.fitted.model.effects)
     if effect not in here.fitted.model.effects:
-        if (found := made_already(here, f"-{effect}")) is not None:
+        if (found := _made_already(here, f"-{effect}")) is not None:
             return change_result(found[0], here.data, here.fitted, found[1], words.made_already_notes(found[1]), command, pictures)
         raise UsageError(f"the model of {run} has no {effect}; it has {', '.join(here.fitted.model.effects)}")
     if current_revision(here.folder) is None:

@@ -51,9 +51,9 @@ def convert(run: Place | None = None, *, cascade: Cascade | None = None, pid: Pi
     assert pid is not None
     found = to_cascades(pid, period_s)
     fast = found.fast
-    data = {"pid": pid_data(pid), "period_s": period_s, "slow": _gains(found.slow), "discriminant": found.discriminant}
+    data = {"pid": _pid_data(pid), "period_s": period_s, "slow": _gains(found.slow), "discriminant": found.discriminant}
     data["fast"] = None if fast is None else _gains(fast)
-    return Result(data, [*pid_lines(pid), *cascades_lines(found), f"Computed {_form(pid.derivative_filter_s, period_s)}."])
+    return Result(data, [*_pid_lines(pid), *_cascades_lines(found), f"Computed {_form(pid.derivative_filter_s, period_s)}."])
 
 
 def _designed(run: Path) -> tuple[Cascade, float]:
@@ -71,15 +71,15 @@ def _from_cascade(cascade: Cascade, period_s: float, run: Path | None) -> Result
         other = next((c for c in _both(to_cascades(pid, period_s)) if abs(c.ki_nm_rad - cascade.ki_nm_rad) > 1e-6 * c.ki_nm_rad), None)
     except Refused:  # a double root that rounding has split
         other = None
-    text = [cascade_line("cascade", cascade), *pid_lines(pid)]
+    text = [_cascade_line("cascade", cascade), *_pid_lines(pid)]
     if other is not None:
-        text.append(cascade_line("the same PID is also the cascade", other))
+        text.append(_cascade_line("the same PID is also the cascade", other))
     filters = [f"{cascade.prefilter.kind} prefilter"] if cascade.prefilter.kind != "none" else []
     filters += ["additional low-pass"] if cascade.prefilter.roll_off_rad_s else []
     if filters:
         text.append(f"In front of all three terms, but not of the feedforward torque, stays: {' and '.join(filters)}.")
     text.append(f"Computed {_form(cascade.velocity_filter_s, period_s)}.")
-    data = {"run": None if run is None else str(run), "cascade": _gains(cascade), "period_s": period_s, "pid": pid_data(pid)}
+    data = {"run": None if run is None else str(run), "cascade": _gains(cascade), "period_s": period_s, "pid": _pid_data(pid)}
     return Result({**data, "other": None if other is None else _gains(other)}, text)
 
 
@@ -93,7 +93,7 @@ def _gains(cascade: Cascade) -> dict[str, object]:
     return data
 
 
-def pid_data(pid: Pid) -> dict[str, object]:
+def _pid_data(pid: Pid) -> dict[str, object]:
     """A PID as a mapping, with B, B − D, and the times of the standard form, s: T_i = P/I, T_d = D/P."""
     data = dict(plain(pid))
     data["velocity_nm_s_rad"] = pid.reference_gain_nm_s_rad
@@ -103,7 +103,7 @@ def pid_data(pid: Pid) -> dict[str, object]:
     return data
 
 
-def pid_lines(pid: Pid) -> list[str]:
+def _pid_lines(pid: Pid) -> list[str]:
     """A PID in words."""
     integral = f"T_i {1e3 * pid.kp_nm_rad / pid.ki_nm_rad_s:.4g} ms, " if pid.ki_nm_rad_s else ""
     lines = [
@@ -117,19 +117,19 @@ def pid_lines(pid: Pid) -> list[str]:
     return lines
 
 
-def cascades_lines(found: Cascades) -> list[str]:
+def _cascades_lines(found: Cascades) -> list[str]:
     """Both cascades of a PID in words, and which to take."""
     if found.fast is None:
-        return [cascade_line("cascade, the only one", found.slow)]
+        return [_cascade_line("cascade, the only one", found.slow)]
     return [
-        cascade_line("cascade, take this one", found.slow),
-        cascade_line("the other root, same closed loop", found.fast),
+        _cascade_line("cascade, take this one", found.slow),
+        _cascade_line("the other root, same closed loop", found.fast),
         "  The first has the slower position loop around the stiffer velocity loop, and overshoots less without velocity feedforward; take "
         "the other where its gains are the known ones, or where the velocity loop alone needs the larger phase margin.",
     ]
 
 
-def cascade_line(name: str, cascade: Cascade) -> str:
+def _cascade_line(name: str, cascade: Cascade) -> str:
     """A cascade in words."""
     integral = f", T_N {1e3 * cascade.kp_nm_s_rad / cascade.ki_nm_rad:.4g} ms" if cascade.ki_nm_rad else ""
     return (

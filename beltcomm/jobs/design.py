@@ -57,7 +57,22 @@ class Basis:
 
 
 def basis_of(run: Path, talk: Talk) -> Basis:
-    """The trusted model of a run, its drive, delay and damping; fitted anew where the run has records since.   Raises DataError."""
+    """The trusted model of a run, its drive, delay and damping; fitted anew where the run has records since.
+
+    Parameters
+    ----------
+    run : Path
+        Of the run folder.
+    talk : Talk
+        Hears progress and answers questions.
+
+    Raises
+    ------
+    UsageError
+        For an axis without belt and pulley.
+    DataError
+        Without a model that can be trusted.
+    """
     folder = RunFolder.open(run)
     if not folder.axis.has_transmission:
         raise UsageError(
@@ -102,12 +117,18 @@ def delivered(
 
     Parameters
     ----------
+    basis : Basis
+        Trusted model of the run, its drive and delay.
     along : sequence of str
         Effects that ``verify`` compensates.
     payload_kg : float or None
         Heaviest further load.
     seed : int
         Of the draws.
+    pictures : bool
+        True for pictures into the run.
+    command : str
+        Kept as provenance.
     noted : Mapping[str, Any] or None
         What else is kept.
     """
@@ -133,7 +154,7 @@ def delivered(
         OF: hashes_of(findings.cascade, basis.model),
         **(noted or {}),
     }
-    kept = keep_damaged(folder)
+    kept = _keep_damaged(folder)
     sound = "final" in folder.names("designs") and not doubts(folder)
     kept = kept or keep_replaced(folder, mapping)
     folder.save("designs", "final", mapping)
@@ -180,7 +201,7 @@ def _headline(basis: Basis, doubted: Sequence[str]) -> Line:
     return Line("  ", word, "   ", (tr(said, name=name), "title"))
 
 
-def keep_damaged(folder: RunFolder) -> str:
+def _keep_damaged(folder: RunFolder) -> str:
     """Before another design takes its place, one that cannot be read stays as ``designs/replaced_N.yaml``; its name, "" for a sound one."""
     kept = folder.names("designs")
     if "final" not in kept:

@@ -35,7 +35,15 @@ NOT_THE_AXIS = ("interrupted", "lost_frames", "heat")
 
 @contextmanager
 def kept(machine: Machine, findings: Findings) -> Iterator[None]:
-    """Around the phases of a session: whatever ends them, what was found is saved, and an error knows the run that it ended."""
+    """Around the phases of a session: whatever ends them, what was found is saved, and an error knows the run that it ended.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    findings : Findings
+        Filled by the phases.
+    """
     try:
         yield
     except BeltcommError as problem:
@@ -51,6 +59,16 @@ def searched(job: Callable[P, Result]) -> Callable[P, Result]:
     """A job on a machine with ``options`` and ``talk``; where its phases end early, the error gets a :attr:`BeltcommError.diagnosis`.
 
     With :attr:`Options.search` only.   The axis is stopped and the drive restored before the search begins.
+
+    Parameters
+    ----------
+    job : callable
+        From arguments to a result.
+
+    Returns
+    -------
+    callable
+        The same call.
     """
 
     @wraps(job)
@@ -59,14 +77,14 @@ def searched(job: Callable[P, Result]) -> Callable[P, Result]:
             return job(*args, **kwargs)
         except BeltcommError as problem:
             options, talk = kwargs.get("options"), kwargs.get("talk")
-            if problem.run is not None and isinstance(options, Options) and options.search and by_the_axis(problem):
+            if problem.run is not None and isinstance(options, Options) and options.search and _by_the_axis(problem):
                 problem.diagnosis = early_end(RunFolder.open(problem.run), problem, talk or Silence())  # type: ignore[arg-type]
             raise
 
     return wrapper
 
 
-def by_the_axis(problem: BeltcommError) -> bool:
+def _by_the_axis(problem: BeltcommError) -> bool:
     """True if an error can come from the axis: not from a no, from drive and bus, or from whoever stopped it."""
     if isinstance(problem, SafetyStop):
         return problem.reason not in NOT_THE_AXIS

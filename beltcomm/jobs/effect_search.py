@@ -57,11 +57,11 @@ def search_of(folder: RunFolder, talk: Talk, most: int = MOST_EFFECTS) -> tuple[
     )
     explainable(found.base.ratio, folder.path)
     restricted, doubts = restrict_to_scope(found, records.recordings)
-    doubts += one_row_early(restricted, records.recordings)
+    doubts += _one_row_early(restricted, records.recordings)
     return with_remarks_on_loads(folder, records, restricted.final_fit), restricted, doubts
 
 
-def one_row_early(found: Diagnosis, recordings: Sequence[Recording]) -> list[str]:
+def _one_row_early(found: Diagnosis, recordings: Sequence[Recording]) -> list[str]:
     """Sentence on a torque and setpoint that act a row before their time stamp, as no drive makes them; none where they do not."""
     name, period_s = "dead_time.time", period_of(recordings)
     model = found.final_fit.model

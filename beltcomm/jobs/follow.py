@@ -31,8 +31,18 @@ def follow_plan(drive: Drive, run: Path, file: Path, options: Options, agree: Ca
 
     Parameters
     ----------
+    drive : Drive
+        Connected.
+    run : Path
+        Of the run folder.
+    file : Path
+        Of the plan.
+    options : Options
+        Settings of the session.
     agree : callable
         Shows what will move, raises Refused for a no, and homes if asked.
+    talk : Talk
+        Hears progress and answers questions.
     """
     wanted = load_plan(file)
     folder = RunFolder.open(run)
@@ -43,7 +53,7 @@ def follow_plan(drive: Drive, run: Path, file: Path, options: Options, agree: Ca
     findings = offline.fit_run(folder, "lm", Silence(), model)
     with Machine(drive, folder.axis, folder, talk) as machine:
         referencing.reference(machine, settings_of(options))
-        shown = motion_plan(machine, model, wanted)
+        shown = _motion_plan(machine, model, wanted)
         if options.dry_run:
             return Result(
                 {"plan": plain(shown), "seconds": shown.seconds},
@@ -57,7 +67,7 @@ def follow_plan(drive: Drive, run: Path, file: Path, options: Options, agree: Ca
     return Result({"run": str(run), "recordings": made, "reasons": dict(wanted.reasons)}, text)
 
 
-def motion_plan(machine: Machine, model: Model, wanted: NextPlan) -> Plan:
+def _motion_plan(machine: Machine, model: Model, wanted: NextPlan) -> Plan:
     """Plan shown before anything moves."""
     axis = machine.axis
     low, high = machine.envelope().window_m

@@ -61,7 +61,22 @@ class RecordedSweeps:
 
 
 def check_payload(folder: RunFolder, model: Model, asked: Wanted) -> None:
-    """Raise Refused where the payload stated is not that of the run's records, or cannot be: its loop was made for another mass."""
+    """Refuse a payload that is not that of the run's records, or cannot be: its loop was made for another mass.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    model : Model
+        With the mass that moves, kg.
+    asked : Wanted
+        Payload mounted, kg; None is not checked.
+
+    Raises
+    ------
+    Refused
+        For either.
+    """
     if asked.mounted_kg is None:
         return
     if asked.mounted_kg > TOO_HEAVY * model["cart.mass"]:
@@ -83,7 +98,24 @@ def _sidecars(folder: RunFolder) -> dict[str, Sidecar]:
 
 
 def plan_of(axis: Axis, capabilities: Capabilities, model: Model, asked: Wanted) -> Plan:
-    """Plan of the sweeps, with the seconds of each, before anything moves.   Raises Refused for orders where it is polled."""
+    """Plan of the sweeps, with the seconds of each, before anything moves.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    capabilities : Capabilities
+        Of the drive.
+    model : Model
+        Of the axis.
+    asked : Wanted
+        Orders and repetitions.
+
+    Raises
+    ------
+    Refused
+        For orders where the drive makes the strokes by itself and is polled.
+    """
     usual = friction_plan(axis, capabilities)
     if asked.plain:
         return usual
@@ -104,7 +136,7 @@ def plan_of(axis: Axis, capabilities: Capabilities, model: Model, asked: Wanted)
             lines.append(replace(sweep, title=title))
             continue
         strokes, _ = orders.strokes_for(orders.speeds_of(order, asked.often), room, course.gentle, axis)
-        records = orders.records_of(strokes, course.gentle, record_s(capabilities))
+        records = orders.records_of(strokes, course.gentle, _record_s(capabilities))
         top, way = max(s.speed_m_s for s in strokes), max(s.length_m for s in strokes)
         seconds = sum(orders.seconds_of(s, course.gentle) for s in strokes) + BRING_SECONDS * len(records)
         lines.append(Experiment(title, way, whole, top, torque, gentle_force_n(axis), seconds, stroking_nm(axis, capabilities)))
@@ -121,13 +153,35 @@ def plan_of(axis: Axis, capabilities: Capabilities, model: Model, asked: Wanted)
     )
 
 
-def record_s(capabilities: Capabilities) -> float:
+def _record_s(capabilities: Capabilities) -> float:
     """Longest record of a sweep, s."""
     return DRIFTING_RECORD_S if stroking(capabilities) == "velocity" else orders.RECORD_S
 
 
 def record(machine: Machine, model: Model, asked: Wanted) -> RecordedSweeps:
-    """Drive the sweeps with the loop that is in the drive.   Raises what the machine raises; finished records stay."""
+    """Drive the sweeps with the loop that is in the drive; finished records stay.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        With the loop's friction and mass.
+    asked : Wanted
+        Orders and repetitions.
+
+    Returns
+    -------
+    RecordedSweeps
+        Names of the records, speeds left out, m/s, and remarks.
+
+    Raises
+    ------
+    DataError
+        When no sweep could be used.
+    BeltcommError
+        What the machine raises.
+    """
     if asked.plain:
         taken = machine.folder.finished_names()
         name = "sweep" if "sweep" not in taken else next_free("sweep_", taken, 2)
@@ -174,7 +228,7 @@ def _possible(machine: Machine, model: Model, order: str, asked: Wanted) -> tupl
     if len({s.speed_m_s for s in kept}) < 2:
         raise Refused(f"no sweep is possible: {next(filter(None, beyond.values()))}")
     without = {speed for speed, words_ in beyond.items() if words_}
-    return orders.records_of(kept, limits, record_s(machine.drive.capabilities)), {*left_out, *without}
+    return orders.records_of(kept, limits, _record_s(machine.drive.capabilities)), {*left_out, *without}
 
 
 def _recorded(machine: Machine, path: Trajectory, note: SweepNote, asked: Wanted) -> str:
@@ -194,7 +248,23 @@ def _judges(folder: RunFolder) -> bool:
 def result(
     folder: RunFolder, model: Model, fits: Mapping[str, MagnitudeFit], made: RecordedSweeps, *, drawn: bool = False, command: str = ""
 ) -> Result:
-    """After sweeps were recorded: results into the run, words, pictures."""
+    """Results of recorded sweeps into the run, and in words and pictures.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    model : Model
+        Of the run.
+    fits : mapping of str to MagnitudeFit
+        Log-magnitude fits of the run's responses, by record.
+    made : RecordedSweeps
+        Names of the records, speeds left out, m/s, and remarks.
+    drawn : bool
+        True for pictures.
+    command : str
+        Kept as provenance.
+    """
     found = friction_study.study_of(folder.recordings(), folder.axis, model, fits)
     folder.save("results", "friction", plain(found.friction))
     folder.save("results", "friction_sweeps", friction_study.data_of(found))

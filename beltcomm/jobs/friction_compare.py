@@ -87,14 +87,14 @@ def friction_compare(runs: Place | Sequence[Place], *, pictures: bool = False, c
     payloads = {s.payload_kg for _, found, _ in studies for s in found.sweeps if s.fit is not None}
     if len(folders) < 2 and len(payloads) < 2:
         return Result({"runs": data, "load": None}, text[:-1])
-    by, found_load, common = load_of(studies)
+    by, found_load, common = _load_of(studies)
     shown, remarks = drawing.load_picture(folders[0], found_load, by, command) if pictures else ([], [])
     text += friction.load_lines(found_load, by, common) + drawing.lines(folders[0], shown, remarks)
     text += [f"Note: {remark}" for remark in _told_apart(studies)]
     return Result({"runs": data, "load": {**plain(found_load), "by": by, "pictures": shown}}, text)
 
 
-def load_of(studies: Sequence[tuple[RunFolder, FrictionStudy, Model | None]]) -> tuple[str, LoadDependence, float]:
+def _load_of(studies: Sequence[tuple[RunFolder, FrictionStudy, Model | None]]) -> tuple[str, LoadDependence, float]:
     """Friction against load; what the load is, in words, and the fastest speed that all have, rad/s at the motor.
 
     The stated payload where every sweep has one, else the moving mass of each run's model.

@@ -100,7 +100,7 @@ def compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
     data = {
         "run": str(run),
         "model": {"effects": list(here.fitted.model.effects), "parameters": values_of(with_intervals(here.fitted))},
-        **ratios(comparison),
+        **_ratios(comparison),
         KEY: path_data(here.data.path, period_of(here.data.recordings)),
         "records": [plain(r) for r in comparison.records],
         "worst": [
@@ -193,7 +193,7 @@ def diagnose_run(
     if auto or following:
         return diagnosed(folder, run, auto, cost, following, command, when, talk)
     result = kept_or_new(folder, "diagnosis", (cost,), lambda: diagnosed(folder, run, auto, cost, following, command, when, talk))
-    return with_lines(result, unkept(folder, "diagnosis", result.data))
+    return _with_lines(result, unkept(folder, "diagnosis", result.data))
 
 
 def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: bool, command: str, when: str, talk: Talk) -> Result:
@@ -220,7 +220,7 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
         talk.phase(1, 1, "what it costs in tracking")
         data["cost"], lines = cost_and_words(folder, found.base.model, with_intervals(found.final_fit), " and ".join(found.added_effects))
         details += lines
-    seen, sights, planned = sight(folder, found, recordings, following)
+    seen, sights, planned = _sight(folder, found, recordings, following)
     data |= seen
     warned = [*doubts, *words.caveats(found), *(one.text for one in belonging)]
     notes = [*records.remarks, *sheet_words(data["data_sheet"]), *sights.notes]
@@ -255,7 +255,7 @@ def unkept(folder: RunFolder, name: str, found: Mapping[str, Any]) -> list[str]:
     return []
 
 
-def with_lines(result: Result, lines: Sequence[str]) -> Result:
+def _with_lines(result: Result, lines: Sequence[str]) -> Result:
     """The result with further lines before its last, which says what is next."""
     return replace(result, text=[*result.text[:-1], *lines, *result.text[-1:]]) if lines else result
 
@@ -269,7 +269,7 @@ class _Sights:
     planned: Sequence[str]
 
 
-def sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], following: bool) -> tuple[dict[str, Any], _Sights, str]:
+def _sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording], following: bool) -> tuple[dict[str, Any], _Sights, str]:
     """Detection limits of these data, and with ``following`` the saved plan of further records and the command that makes them."""
     planned = ""
     sights = detection_limits(found.scorer, ground_of(found.base, found.base.problem.pieces, folder.axis))
@@ -348,7 +348,7 @@ def ladder_of_run(run: Place, *, pictures: bool = True, command: str = "") -> Re
     return Result(data, words.ladder_lines(rungs, changed) + drawn.lines(folder, made, remarks))
 
 
-def ratios(comparison: Comparison) -> dict[str, Any]:
+def _ratios(comparison: Comparison) -> dict[str, Any]:
     """``ratio`` and ``plain`` : overall and held out."""
     return {
         "ratio": {"overall": comparison.ratio, "held_out": comparison.held_out},
@@ -380,10 +380,10 @@ class ConfoundedEffects:
 
 def find_confounded(fitted: Fitted, named: Sequence[str]) -> list[ConfoundedEffects]:
     """All that is to be said of effects that were named side by side."""
-    return [*delays_of(fitted, named), *ripples_of(fitted, named)]
+    return [*_delays_of(fitted, named), *_ripples_of(fitted, named)]
 
 
-def delays_of(fitted: Fitted, named: Sequence[str]) -> list[ConfoundedEffects]:
+def _delays_of(fitted: Fitted, named: Sequence[str]) -> list[ConfoundedEffects]:
     """Two or three delays of which one at least was named: their sum."""
     model = fitted.model
     present = [name for name in DELAYS if f"{name}.time" in fitted.problem.free]
@@ -400,7 +400,7 @@ def delays_of(fitted: Fitted, named: Sequence[str]) -> list[ConfoundedEffects]:
     return [ConfoundedEffects(tuple(present), "time", value, width, "s", text)]
 
 
-def ripples_of(fitted: Fitted, named: Sequence[str]) -> list[ConfoundedEffects]:
+def _ripples_of(fitted: Fitted, named: Sequence[str]) -> list[ConfoundedEffects]:
     """A line of the motor one period per turn beside the ripple of the teeth, and weaker: the teeth's own, where pulley or belt wobble."""
     model = fitted.model
     if "tooth_ripple" not in model.effects:

@@ -36,8 +36,18 @@ def identify_in_loop(drive: Drive, axis: Axis, run: Path, options: Options, agre
 
     Parameters
     ----------
+    drive : Drive
+        Connected.
+    axis : Axis
+        As its file states it.
+    run : Path
+        Of the run folder.
+    options : Options
+        Settings of the session.
     agree : callable
         Shows what will move, raises Refused for a no, and homes when that is asked for.
+    talk : Talk
+        Hears progress and answers questions.
 
     Raises
     ------

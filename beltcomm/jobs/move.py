@@ -30,7 +30,21 @@ REST_S, LATE_S = 0.3, 2.0
 
 
 def admit(axis: Axis, by_m: float) -> None:
-    """Raise UsageError for a way that is too long or too short, or an axis on which a torque from zero lets the carriage fall."""
+    """Refuse a move that is not crept, before anything is asked.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    by_m : float, m
+        Way of the carriage, either way.
+
+    Raises
+    ------
+    UsageError
+        For a way that is too long or too short, an axis file that does not say enough, or an axis on which a torque from zero lets the
+        carriage fall.
+    """
     if not 2.0 * NEAR_M <= abs(by_m) <= LONGEST_MOVE_M:
         ways = f"{2e3 * NEAR_M:g} to {1e3 * LONGEST_MOVE_M:.0f} mm, either way"
         raise UsageError(f"a move by {1e3 * by_m:g} mm cannot be crept: give {ways} (it ends within {1e3 * NEAR_M:g} mm)")
@@ -40,17 +54,17 @@ def admit(axis: Axis, by_m: float) -> None:
     axis.require("move", "pulley.effective_radius_m", "travel.min_m", "travel.max_m")
 
 
-def by_drive(capabilities: Capabilities) -> bool:
+def _by_drive(capabilities: Capabilities) -> bool:
     """True if the drive makes the move by itself."""
     return stroking(capabilities) == "profile"
 
 
 def plan_of(axis: Axis, capabilities: Capabilities, by_m: float) -> Plan:
     """Plan of the move, before anything happens."""
-    torque = axis.torque_limit_nm if by_drive(capabilities) else BREAKAWAY_SHARE * axis.torque_limit_nm
+    torque = axis.torque_limit_nm if _by_drive(capabilities) else BREAKAWAY_SHARE * axis.torque_limit_nm
     speed, seconds = CREEP_SPEED_M_S, RAMP_S * (1.0 + abs(by_m) / 3e-3)
     what = tr("creep {way:+.1f} mm under slowly rising torque, in several goes", way=1e3 * by_m)
-    if by_drive(capabilities):
+    if _by_drive(capabilities):
         speed, seconds = (
             STROKE.speed_m_s,
             abs(by_m) / STROKE.speed_m_s + STROKE.speed_m_s / STROKE.acceleration_m_s2 + 2.0 * REST_S + LATE_S,
@@ -71,7 +85,7 @@ def make(drive: Drive, axis: Axis, by_m: float, position_m: float | None) -> flo
     position_m : float or None
         Where the carriage stands, as the operator says. Raises as the drive does.
     """
-    if not by_drive(drive.capabilities):
+    if not _by_drive(drive.capabilities):
         return small_move(drive, axis, by_m, position_m)
     ratio, period_s = axis.transmission_m_rad, drive.capabilities.sample_period_s
     limits = move_limits(drive, axis, by_m, position_m)
@@ -88,14 +102,24 @@ def moved(drive: Drive, name: str, axis: Axis, by_m: float, options: Options, ta
 
     Parameters
     ----------
+    drive : Drive
+        Connected.
     name : str
         Of the drive, for what to do next. Exit code 1 for a move that fell short.
+    axis : Axis
+        As its file states it.
+    by_m : float, m
+        Way of the carriage, either way.
+    options : Options
+        Settings of the session.
+    talk : Talk
+        Hears progress and answers questions.
     """
     plan = plan_of(axis, drive.capabilities, by_m)
     if options.dry_run:
         return plan_result(plan)
     agree(plan, options, talk, drive, axis)
-    gone, closed = make(drive, axis, by_m, options.position_m), by_drive(drive.capabilities)
+    gone, closed = make(drive, axis, by_m, options.position_m), _by_drive(drive.capabilities)
     reached = abs(gone - by_m) < max(0.2 * abs(by_m), 2e-3)
     how = "the drive closed its loop with the gains that are in it" if closed else "no loop was closed"
     text = [f"The carriage went {1e3 * gone:+.2f} mm, asked were {1e3 * by_m:+.2f} mm; {how}."]

@@ -17,7 +17,30 @@ from beltcomm.talk import Talk
 
 
 def new_profile(file: Path, drive: str | None, eds: Path | None, options: Options, talk: Talk) -> Result:
-    """Write the file.   Raises UsageError for neither drive nor EDS, Refused for a no, BusError when nobody answers."""
+    """Write a profile of a drive, by what the drive and its EDS say.
+
+    Parameters
+    ----------
+    file : Path
+        To be written; ends in .yaml or .yml.
+    drive : str or None
+        Drive that is asked, as for ``--drive``; None asks none.
+    eds : Path or None
+        EDS or DCF of the drive; None for none.
+    options : Options
+        Settings of the adapter, and consent.
+    talk : Talk
+        Hears progress and answers questions.
+
+    Raises
+    ------
+    UsageError
+        For neither drive nor EDS, or another ending.
+    Refused
+        For a no.
+    BusError
+        When nobody answers.
+    """
     if drive is None and eds is None:
         raise UsageError("say what the profile is to be written from: --drive D, --eds FILE, or both")
     if file.suffix not in (".yaml", ".yml"):

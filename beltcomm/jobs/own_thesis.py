@@ -121,7 +121,7 @@ def own_thesis(topic: str, run: Place, edges: Place | None = None, *, pictures: 
         return Result({"topic": topic, "run": str(folder.path), **plain(study), "pictures": made}, text)
     if pictures is not None and topic != "models":
         raise UsageError(f"{topic} draws nothing on a run; beltcomm report {pasted(folder.path)} draws its responses, loops and moves")
-    data, text = OWN[topic](folder, model) if edges is None else on_edges(folder, model, place(edges, "file"))
+    data, text = OWN[topic](folder, model) if edges is None else _on_edges(folder, model, place(edges, "file"))
     if pictures is not None:
         from beltcomm.report.style import Caption
         from beltcomm.thesis.figures.models import bode
@@ -282,7 +282,7 @@ def estimators(folder: RunFolder, model: Model) -> _Told:
     return {"increment_m": step, "crossing_m_s": crossing, "rows": rows}, text
 
 
-def on_edges(folder: RunFolder, model: Model, path: Path) -> _Told:
+def _on_edges(folder: RunFolder, model: Model, path: Path) -> _Told:
     """The four estimators on edges of a file, against the mean speed of the edges over two periods around each sampling instant."""
     found = read_edges(path)
     settings = estimator_settings(folder, found.edges.tick_s)
@@ -353,13 +353,13 @@ def _integrated(held: float, friction: float, viscous: float, inertia: float, be
     return torque
 
 
-def belt_and_records(folder: RunFolder, model: Model) -> _Told:
+def _belt_and_records(folder: RunFolder, model: Model) -> _Told:
     """Chapter 2, and what chapter 3 says of any record, on the own ones."""
     records = [one for one in folder.recordings() if one.sidecar.experiment == "frf"]
     return models(folder.axis, model, _plant(folder, model), records)
 
 
-def discretised_gains(folder: RunFolder, model: Model) -> _Told:
+def _discretised_gains(folder: RunFolder, model: Model) -> _Told:
     """The run's design, discrete against continuous."""
     structure = structure_of(folder)
     cascade, _ = offline.cascade_of(saved_design(folder), model, structure, None)
@@ -385,9 +385,9 @@ def ways(folder: RunFolder, model: Model) -> IdentificationStudy:
 
 #: Topics that there are on a run: those told in a table, and those that are the source's own comparison of another axis.
 OWN: Mapping[str, Callable[[RunFolder, Model], _Told]] = {
-    "models": belt_and_records,
+    "models": _belt_and_records,
     "designs": designs,
-    "discretisation": discretised_gains,
+    "discretisation": _discretised_gains,
     "closed-loop": closed_loop,
     "estimators": estimators,
     "gravity": gravity,

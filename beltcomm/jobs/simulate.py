@@ -14,7 +14,22 @@ from beltcomm.rundata.findings import Findings, Settings
 
 
 def run_experiment(machine: Machine, model: Model, experiment: str) -> str:
-    """Run one experiment with everything known; returns the name of its recording."""
+    """Run one experiment with everything known.
+
+    Parameters
+    ----------
+    machine : Machine
+        A simulated one.
+    model : Model
+        The plant's own.
+    experiment : str
+        "frf", "friction_sweep"; any other is the move.
+
+    Returns
+    -------
+    str
+        Name of its recording.
+    """
     machine.hold_with(analyse.holding_nm(model))
     if experiment == "frf":
         phases.frequency_response(machine, "frf_1", model, machine.axis.torque_limit_nm, RESPONSE_S)

@@ -72,12 +72,12 @@ def fit_three_masses(run: Path, *, command: str = "", when: str = "", talk: Talk
         "two_mass": {**fit_to_dict(found.two.fit), "parameters": plain(found.two.fit.model.parameters)},
         "three_mass": {**fit_to_dict(found.three), "parameters": plain(found.three.model.parameters)},
         "reach": [plain(one) for one in found.reach],
-        "modes": modes_dict(found.three.model, middle),
+        "modes": _modes_dict(found.three.model, middle),
         "data_sheet_kg": sheet_mass_kg(folder.axis),
         "heavier_kg": found.heavier_kg or None,
         "log_magnitude": plain(beside),
     }
-    lines = [*comparison_lines(found), *magnitude_lines(beside)]
+    lines = [*_comparison_lines(found), *_magnitude_lines(beside)]
     if not found.identified:
         told = ["No third mass is identified; nothing was changed:", *(f"  {reason}" for reason in found.against)]
         return Result(data, [*told, "", *lines], 1)
@@ -120,7 +120,7 @@ def _root(square: float | None) -> float | None:
     return None if square is None else math.sqrt(square)
 
 
-def modes_dict(model: Model, position_m: float) -> dict[str, Any]:
+def _modes_dict(model: Model, position_m: float) -> dict[str, Any]:
     """Resonances and antiresonances with the carriage at a place."""
     return {
         "position_m": position_m,
@@ -148,7 +148,7 @@ def model_lines(fit: ModelFit, folder: RunFolder, position_m: float) -> list[str
     return lines
 
 
-def comparison_lines(found: ThreeMass) -> list[str]:
+def _comparison_lines(found: ThreeMass) -> list[str]:
     """Both models on the same records, and what each record shows of the mode."""
     rows = [
         [
@@ -171,7 +171,7 @@ def comparison_lines(found: ThreeMass) -> list[str]:
     return lines
 
 
-def magnitude_lines(fit: ThreeMassMagnitude | None) -> list[str]:
+def _magnitude_lines(fit: ThreeMassMagnitude | None) -> list[str]:
     """The log-magnitude fit beside, where there is one."""
     if fit is None:
         return []

@@ -83,7 +83,20 @@ RUNGS: tuple[MoveVariant, ...] = (
 
 
 def repeats(learn: int | None, rungs: bool) -> int | None:
-    """Number of times that a move is repeated for learning.   Raises UsageError, before a drive is opened, for too few or of two kinds."""
+    """Number of times that a move is repeated for learning, checked before a drive is opened.
+
+    Parameters
+    ----------
+    learn : int or None
+        As it was asked for; None for none.
+    rungs : bool
+        True if the move is repeated for the revisions, too.
+
+    Raises
+    ------
+    UsageError
+        For too few, or repetitions of two kinds.
+    """
     if learn is not None and whole(learn, "learn") < 2:
         raise UsageError(f"{learn} repetitions teach nothing; give 2 or more")
     if rungs and learn is not None:
@@ -110,10 +123,18 @@ def verify_with(
 
     Parameters
     ----------
+    drive : Drive
+        Connected.
     name : str
         Of the drive, for what to do next.
+    run : Path
+        Of the run folder.
+    options : Options
+        Settings of the session.
     agree : callable
         Shows what will move and raises Refused for a no.
+    talk : Talk
+        Hears progress and answers questions.
     move, trajectory
         A file, or limits named in axis.yaml. ``options.feedforward`` replaces the design's for this move only.
     rungs : bool
@@ -203,7 +224,7 @@ def verify_with(
         ways = [(rung.change(cascade), rung.sending) for rung in RUNGS] if rungs else [(cascade, sending)]
         for gains, how in ways:
             record = _names(folder)()
-            with set_by_hand(drive, folder):
+            with _set_by_hand(drive, folder):
                 verdict, asked = verify_move(machine, model, gains, delay_s, path, record, sending=how, learnt=taught, agreed_n=agreed_n)
             _keep(folder, drive, model, gains, path, record, verdict, LEARNT if taught is not None else how, remark)
             driven.append((record, verdict, asked))
@@ -236,7 +257,7 @@ def _keep(
     """The verdict of a move, and what it proves.   how : what the host added."""
     driven_with = proof(gains, path, (), how if how in ("stretch", "compliant", "led", LEARNT) else "")
     shown = {"proof": driven_with, OF: hashes_of(driven_with["gains"], model)}
-    if drive.capabilities.gains == "unknown" and not as_predicted(verdict):
+    if drive.capabilities.gains == "unknown" and not _as_predicted(verdict):
         shown = {}  # what was driven are other gains
     folder.save("results", f"verify_{record}", {**verdict_to_dict(verdict), **shown, NOTED: [remark] if remark else []})
 
@@ -310,7 +331,7 @@ def _result(
         told = tr("this move, with feedforward {kind} in place of the design's, misses its target", kind=feedforward)
         first = replace(headline, state="fail", sentence=told)
     if typed:
-        notes.append(typed_words(verdict))
+        notes.append(_typed_words(verdict))
         if step.writes_gains:
             step = NextCommand(f"beltcomm report {pasted(folder.path)}", tr("save the gains with the maker's tool, and keep this run"))
     text = [
@@ -327,7 +348,7 @@ def _result(
 
 
 @contextmanager
-def set_by_hand(drive: Drive, folder: RunFolder) -> Iterator[None]:
+def _set_by_hand(drive: Drive, folder: RunFolder) -> Iterator[None]:
     """Around a move with gains that only a person sets: a stop is first of all a word on those."""
     try:
         yield
@@ -341,16 +362,16 @@ def set_by_hand(drive: Drive, folder: RunFolder) -> Iterator[None]:
         ) from problem
 
 
-def as_predicted(verdict: Verdict) -> bool:
+def _as_predicted(verdict: Verdict) -> bool:
     """True if a drive behaved, no worse and no better, as it would with the gains of the prediction."""
     off, said = verdict.measured.dynamic_m, verdict.predicted.dynamic_m
     return off <= AS_PREDICTED * said + SLACK_M and said <= AS_PREDICTED * off + SLACK_M
 
 
-def typed_words(verdict: Verdict) -> str:
+def _typed_words(verdict: Verdict) -> str:
     """Words on a move with gains that a person has typed in, against the prediction."""
     off, said = verdict.measured.dynamic_m, verdict.predicted.dynamic_m
-    if as_predicted(verdict):
+    if _as_predicted(verdict):
         return "The drive did as predicted with the gains of the design: they are in it, as far as this move can tell."
     return (
         f"The drive was off by {mm(off)} where {mm(said)} are predicted with the gains of the design: they are not what "

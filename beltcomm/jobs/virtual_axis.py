@@ -53,7 +53,18 @@ def machine_of(drive: str) -> tuple[str, str]:
 
 
 def axis_behind(drive: str) -> Path | None:
-    """The axis file that a virtual machine was made of; None for any other drive."""
+    """The axis file that a virtual machine was made of; None for any other drive.
+
+    Parameters
+    ----------
+    drive : str
+        As for ``--drive``.
+
+    Returns
+    -------
+    Path or None
+        Beside the plant file.
+    """
     path = Path(drive.removeprefix(SCHEME))
     own = path.with_name(path.name.removesuffix(PLANT) + ".yaml")
     return own if drive.startswith(SCHEME) and path.name.endswith(PLANT) and own.is_file() and _is_axis(own) else None

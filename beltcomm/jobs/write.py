@@ -53,10 +53,22 @@ def apply_to(
 
     Parameters
     ----------
-    shown : bool
-        By a small move, before anything is saved.
+    drive : Drive
+        Connected.
     name : str
         Of the drive.
+    folder : RunFolder
+        The run folder.
+    options : Options
+        Settings of the session.
+    talk : Talk
+        Hears progress and answers questions.
+    agree : callable
+        Shows what will move and raises Refused for a no.
+    dcf : Path or None
+        File that is written in place of the design; None for none.
+    shown : bool
+        By a small move, before anything is saved.
 
     Raises
     ------
@@ -94,8 +106,18 @@ def roll_back(drive: Drive, name: str, folder: RunFolder, which: str | None, opt
 
     Parameters
     ----------
+    drive : Drive
+        Connected.
+    name : str
+        Of the drive, for what to do next.
+    folder : RunFolder
+        The run folder.
     which : str or None
         Its name or path; None is the one from before the run. Nothing moves.
+    options : Options
+        Settings of the session.
+    talk : Talk
+        Hears progress and answers questions.
     """
     backup = backups.choose_backup(folder, which)
     claim(folder, drive.capabilities, options, talk)
@@ -112,7 +134,30 @@ def roll_back(drive: Drive, name: str, folder: RunFolder, which: str | None, opt
 
 
 def admitted(folder: RunFolder, options: Options, talk: Talk, dcf: Path | None, shown: bool) -> None:
-    """Before a drive is connected: whether the run's design may be written.   Raises Refused for a no, UsageError, DataError."""
+    """Ask, before a drive is connected, that the run's design may be written.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    options : Options
+        Consent and force.
+    talk : Talk
+        Hears progress and answers questions.
+    dcf : Path or None
+        File that is written in place of the design; None for none.
+    shown : bool
+        True if a move is to verify what was written.
+
+    Raises
+    ------
+    Refused
+        For a no, or a design that is not to be trusted.
+    UsageError
+        For a file and a move together.
+    DataError
+        Without a design.
+    """
     if dcf is not None:
         if shown:
             raise UsageError("what a file holds has no prediction that a move could show; apply it without --verify")
@@ -126,7 +171,13 @@ def admitted(folder: RunFolder, options: Options, talk: Talk, dcf: Path | None, 
 
 
 def backup_list(folder: RunFolder) -> Result:
-    """All backups of a run; no drive is needed."""
+    """All backups of a run; no drive is needed.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    """
     found = backups.list_backups(folder)
     data = [{"name": one.name, "file": str(one.path), "when": one.when, "before": one.before} for one in found]
     text = ["Backups of this run:", *backups.list_lines(found)]

@@ -123,6 +123,22 @@ def is_confirmed(data: Data, before: Fitted, after: Fitted, ahead: Data | None =
     """True if the held-out records confirm a change of the model; None without any.
 
     The error over the noise must fall, in the mean square and without its outliers, and the plain error must not rise by more than chance.
+
+    Parameters
+    ----------
+    data : Data
+        The records.
+    before : Fitted
+        Without the change.
+    after : Fitted
+        With it.
+    ahead : Data or None
+        Records as the changed model sees them; None for those of ``data``.
+
+    Returns
+    -------
+    bool or None
+        By the records that were not fitted.
     """
     if after.held_out_ratio is None or before.held_out_ratio is None or after.held_out_level is None or before.held_out_level is None:
         return None
@@ -180,7 +196,20 @@ def is_refuted(evidence: float, held_out_gain: float) -> bool:
 
 
 def drop_by(base: Fitted, grown: Fitted) -> float:
-    """By how much O falls, with what the likelihood has besides the squares."""
+    """Fall of the objective O from one model to another, with what the likelihood has besides the squares.
+
+    Parameters
+    ----------
+    base : Fitted
+        Without the effect.
+    grown : Fitted
+        With it, of the same records.
+
+    Returns
+    -------
+    float
+        Above 0 where the second is likelier.
+    """
     drop = base.objective - grown.objective
     old, new = price_of_bending(base.problem, base.x), price_of_bending(grown.problem, grown.x)
     if lags(base) != lags(grown):
@@ -281,6 +310,8 @@ def undetermined_effects(model: Model, base: Model) -> list[str]:
     ----------
     model : Model
         With intervals.
+    base : Model
+        Model without them.
     """
     found = []
     for effect in (e for e in model.effect_list() if e.name not in base.effects):
@@ -292,7 +323,20 @@ def undetermined_effects(model: Model, base: Model) -> list[str]:
 
 
 def implausible_effects(model: Model, base: Model) -> list[str]:
-    """Of added effects whose values no machine has: the effect, and in words why."""
+    """Added effects whose values no machine has, with the reason.
+
+    Parameters
+    ----------
+    model : Model
+        With the effects.
+    base : Model
+        Without them.
+
+    Returns
+    -------
+    list of str
+        "EFFECT as REASON".
+    """
     found = []
     for effect in (e for e in model.effect_list() if e.name not in base.effects and e.unlikely is not None):
         assert effect.unlikely is not None

@@ -73,7 +73,20 @@ class Comparison:
 
 
 def compare(data: Data, fitted: Fitted) -> Comparison:
-    """Ratio of the model's error to the noise in every record, and where it is largest."""
+    """Ratio of the model's error to the noise in every record, and where it is largest.
+
+    Parameters
+    ----------
+    data : Data
+        Fitted and held-out records.
+    fitted : Fitted
+        To these records.
+
+    Returns
+    -------
+    Comparison
+        Ratios 1 at the noise; plain errors in N m and per cent.
+    """
     judged: list[Judged] = []
     model, band = fitted.model, band_of(data, fitted.model)
     parts = band_limited_errors(data, fitted, band)
@@ -97,7 +110,18 @@ def _judge(piece: Segment, model: Model, white: Array, whole: Array) -> Judged:
 
 
 def worst(comparison: Comparison) -> list[ErrorRegion]:
-    """The places that stand out, worst first; few or none where the model fits as a whole."""
+    """The places that stand out, worst first; few or none where the model fits as a whole.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        Of a model.
+
+    Returns
+    -------
+    list of ErrorRegion
+        At most ``WORST``.
+    """
     places = [p for p in comparison.places if p.ratio >= LEAST_RATIO and p.contrast >= LEAST_CONTRAST]
     if max(comparison.ratio, comparison.held_out or 0.0) <= WHOLE:
         places = [p for p in places if p.weight >= LEAST_WEIGHT and p.contrast >= CLEAR_CONTRAST]
@@ -105,7 +129,20 @@ def worst(comparison: Comparison) -> list[ErrorRegion]:
 
 
 def landmarks(model: Model, position_m: float) -> dict[str, float]:
-    """Resonance and antiresonance of the belt with the carriage there, Hz; {} without a belt."""
+    """Resonance and antiresonance of the belt with the carriage there, Hz; {} without a belt.
+
+    Parameters
+    ----------
+    model : Model
+        With any bodies.
+    position_m : float, m
+        Carriage on the axis.
+
+    Returns
+    -------
+    dict of str to float
+        By "resonance" and "antiresonance".
+    """
     try:
         shape = shape_of(model, position_m)
     except (UsageError, Refused):
@@ -129,7 +166,18 @@ def plain_error(parts: Sequence[Banded], model: Model, band_hz: float) -> PlainE
 
 
 def unexplained_words(errors: Mapping[str, PlainError | None]) -> str:
-    """Slow part of a record, by its name, that cannot be noise whatever it was taken for, in words; "" where there is none."""
+    """Slow part of a record, by its name, that cannot be noise whatever it was taken for, in words; "" where there is none.
+
+    Parameters
+    ----------
+    errors : mapping of str to PlainError or None
+        By record; None where it is not known.
+
+    Returns
+    -------
+    str
+        On the largest, in per cent of the torque.
+    """
     seen = {
         name: one for name, one in errors.items() if one is not None and one.error > ABOVE * one.noise and one.percent > 100.0 * QUIET_SHARE
     }
@@ -147,6 +195,10 @@ def of_run(data: Data, fitted: Fitted, band_hz: float | None = None) -> tuple[Pl
 
     Parameters
     ----------
+    data : Data
+        The records.
+    fitted : Fitted
+        Model, fitted to the records.
     band_hz : float or None
         :func:`band_of` without one.
     """

@@ -83,13 +83,36 @@ def may_be_coupled(current: Fitted) -> bool:
 
 
 def add_coupling(data: Data, current: Fitted, axis: Axis) -> tuple[Data, Fitted] | None:
-    """Records and model with a coupling that was asked for, whatever speaks for it; None where nothing can be begun."""
+    """Records and model with a coupling that was asked for, whatever speaks for it; None where nothing can be begun.
+
+    Parameters
+    ----------
+    data : Data
+        The records.
+    current : Fitted
+        Model without the coupling.
+    axis : Axis
+        For what the data sheets say of it.
+    """
     found = grown_by_coupling(data, current, axis, alone=True) if may_be_coupled(current) else None
     return None if found is None else refit_from_several_stiffnesses(*refit_with_rebuilt_motion(found[0], found[2], NEXT_ITERATIONS))
 
 
 def with_sections(data: Data, current: Fitted) -> Fitted | None:
-    """Model whose spans have become sections with an end pulley that was asked for; None where it has no spans, or nothing can be begun."""
+    """Model whose spans have become sections with an end pulley that was asked for; None where it has no spans, or nothing can be begun.
+
+    Parameters
+    ----------
+    data : Data
+        The records.
+    current : Fitted
+        Model with spans.
+
+    Returns
+    -------
+    Fitted or None
+        The likeliest of several starts.
+    """
     if SPANS_BY_PLACE not in current.model.effects or has_end_pulley(current.model):
         return None
     places = list(with_pulleys(current.model, current.model["cart.mass"], stiffness_at(current.model, middle_m(data, current.model))))

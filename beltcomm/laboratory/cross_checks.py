@@ -88,6 +88,10 @@ def sheet_doubts(model: Model, ratio: float, axis: Axis, recordings: Sequence[Re
         With intervals.
     ratio : float
         Its error over the noise.
+    axis : Axis
+        As its file states it.
+    recordings : sequence of Recording
+        Of a run.
     """
     if "cart" not in model.base_bodies:
         return _rigid_doubts(axis, recordings)
@@ -130,7 +134,17 @@ def _rigid_doubts(axis: Axis, recordings: Sequence[Recording]) -> tuple[SheetDou
 
 
 def doubts_of(fitted: Fitted, axis: Axis, recordings: Sequence[Recording]) -> tuple[SheetDoubt, ...]:
-    """Data-sheet values that a fitted model contradicts."""
+    """Data-sheet values that a fitted model contradicts.
+
+    Parameters
+    ----------
+    fitted : Fitted
+        Model, fitted to the records.
+    axis : Axis
+        Data sheets.
+    recordings : sequence of Recording
+        Of the fit.
+    """
     return sheet_doubts(with_intervals(fitted), fitted.ratio, axis, recordings)
 
 
@@ -169,7 +183,20 @@ class Resonances:
 
 
 def resonances(model: Model, position_m: float) -> Resonances | None:
-    """None for one rigid body.  Forces that depend on the place (cogging, a cable) are left out: they shift no resonance of the belt."""
+    """Resonances of a model with the motor held and free, Hz; None for one rigid body.
+
+    Parameters
+    ----------
+    model : Model
+        With any bodies.
+    position_m : float, m
+        Carriage on the axis.
+
+    Returns
+    -------
+    Resonances or None
+        Forces that depend on the place (cogging, a cable) are left out: they shift no resonance of the belt.
+    """
     if len(model.bodies()) < 2:
         return None
     for effect in model.effect_list():
@@ -183,7 +210,13 @@ def resonances(model: Model, position_m: float) -> Resonances | None:
 
 
 def amplitudes_fitted(recordings: Sequence[Recording]) -> bool:
-    """True if the excited records to fit were made at amplitudes that differ: else no dependence on amplitude can be told."""
+    """True if the excited records to fit were made at amplitudes that differ: else no dependence on amplitude can be told.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Held-out ones do not count.
+    """
     loud = [float(np.std(r.torque)) for r in recordings if r.sidecar.experiment == "frf" and not r.sidecar.held_out]
     return len(loud) > 1 and max(loud) > LOUDER * min(loud)
 
@@ -232,6 +265,18 @@ def map_checks(recordings: Sequence[Recording], model: Model) -> tuple[MapCheck,
 
     The holding torque is that of the cogging with the sign turned, Σ sine sin(N θ) + cosine cos(N θ); the zero of the map's angle need
     not be that of the records (another index), so it is found first: one number for all orders.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Of a run; static maps are taken.
+    model : Model
+        With its cogging.
+
+    Returns
+    -------
+    tuple of MapCheck
+        One for each map.
     """
     present = [e.name for e in model.effect_list() if e.harmonic == "load"]
     orders = np.array([model[f"{name}.order"] for name in present if f"{name}.order" in model.parameters])
@@ -259,7 +304,15 @@ def map_check(record: Recording, orders: Array, waves: ComplexArray) -> MapCheck
 
 
 def friction_bound(fitted: Fitted, ground: AxisSummary) -> float:
-    """Share of the squares that any further law of friction over speed and direction could explain, to first order; 0 to 1."""
+    """Share of the squares that any further law of friction over speed and direction could explain, to first order; 0 to 1.
+
+    Parameters
+    ----------
+    fitted : Fitted
+        Model, fitted to the records.
+    ground : AxisSummary
+        Of the axis, for the trials.
+    """
     bounds = [effect for effect in EFFECTS if effect.bound and effect.name not in fitted.model.effects]
     scorer = Scorer(fitted)
     drops = [way.drop for effect in bounds for way in scorer.score(effect, ground)]

@@ -154,7 +154,22 @@ class Diagnosis:
 
 
 def fit_base_of(recordings: Sequence[Recording], axis: Axis, start: Model) -> tuple[Data, Fitted]:
-    """The start model fitted to the records, and the records as it sees them."""
+    """The start model fitted to the records, and the records as it sees them.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        That are fitted, and held out.
+    axis : Axis
+        As its file states it.
+    start : Model
+        Model that the fit begins from.
+
+    Returns
+    -------
+    tuple of Data and Fitted
+        Held-out ones are prepared, too.
+    """
     return fit_base(prepare(recordings, axis, start), start, sheet=data_sheet(axis, recordings))
 
 
@@ -165,7 +180,20 @@ def as_searched(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
 
 
 def final_refit(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
-    """The last model of a search at its best, with the steps of time halved: they cost stiffness 0.05 % and belt damping 0.5 %."""
+    """Final refit of the selected model, with the integration step halved: the coarse one costs stiffness 0.05 % and belt damping 0.5 %.
+
+    Parameters
+    ----------
+    data : Data
+        The records.
+    fitted : Fitted
+        Model, fitted to the records.
+
+    Returns
+    -------
+    tuple of Data and Fitted
+        As they came with an observer, whose step is not halved.
+    """
     return (
         (data, fitted) if needs_observer(fitted.model) else refit_with_rebuilt_motion(data, fitted, SETTLED_ITERATIONS, PUBLISHED_SUBSTEPS)
     )
@@ -186,8 +214,16 @@ def diagnose(
 
     Parameters
     ----------
+    recordings : sequence of Recording
+        Of a run.
+    axis : Axis
+        As its file states it.
+    start : Model
+        Model that the search begins from.
     begun : tuple[Data, Fitted] or None
         Its :func:`fit_base_of`, where known.
+    most : int
+        Causes that are named.
     progress : callable
         Hears the number of the stage, from 1, and how much of it is done; nobody knows how many there will be.
     trying : callable
@@ -459,7 +495,20 @@ def remaining_structure(data: Data, fitted: Fitted) -> float:
 
 
 def structures(data: Data, fitted: Fitted) -> dict[str, float]:
-    """Distance of the residual from noise, by the quantity it goes with."""
+    """Distance of the residual from noise, by the quantity it goes with.
+
+    Parameters
+    ----------
+    data : Data
+        The records.
+    fitted : Fitted
+        Model, fitted to the records.
+
+    Returns
+    -------
+    dict of str to float
+        By quantity; see :func:`structure`.
+    """
     return structure(compare(data, fitted).judged)
 
 

@@ -52,7 +52,22 @@ CLEARLY = 4.0
 
 
 def is_replaceable_gap(data: Data, grown: Fitted, effect: Effect) -> bool:
-    """True if an effect is a gap that a carriage which strays can do without."""
+    """True if an effect is a gap that a carriage which strays can do without.
+
+    Parameters
+    ----------
+    data : Data
+        The records.
+    grown : Fitted
+        Model with the effect, fitted.
+    effect : Effect
+        The effect.
+
+    Returns
+    -------
+    bool
+        False for an effect that is no gap.
+    """
     return effect.rattles and needs_observer(grown.model) and not gap_is_supported(data, grown, effect)
 
 

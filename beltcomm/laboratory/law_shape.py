@@ -62,6 +62,10 @@ def fit_law_shapes(data: Data, fitted: Fitted, base: Model) -> ShapedFit:
 
     Parameters
     ----------
+    data : Data
+        The records.
+    fitted : Fitted
+        Model, fitted to the records.
     base : Model
         Model without the added effects.
     """
@@ -97,6 +101,20 @@ def assign_body(data: Data, fitted: Fitted, effect: Effect) -> ShapedFit:
     """The model with what of a law acts on the carriage, asked as soon as the law is named at the motor.
 
     On the wrong body it would mislead the search.  It takes the evidence of an effect; with less it is asked again when all is found.
+
+    Parameters
+    ----------
+    data : Data
+        The records.
+    fitted : Fitted
+        With the effect, named at the motor.
+    effect : Effect
+        The effect.
+
+    Returns
+    -------
+    ShapedFit
+        With the names of the effects that came in.
     """
     before = fitted
     for one in effect.completed_by if not needs_observer(fitted.model) else ():
@@ -223,7 +241,20 @@ def without(model: Model, name: str) -> Model | None:
 
 
 def fixed_forms(model: Model, effect: Effect) -> list[str]:
-    """Forms of an effect's law that are not free yet."""
+    """Forms of an effect's law that are not free yet.
+
+    Parameters
+    ----------
+    model : Model
+        Of the axis.
+    effect : Effect
+        The effect.
+
+    Returns
+    -------
+    list of str
+        Full names of parameters.
+    """
     forms = [f"{effect.name}.{p.name}" for p in effect.parameters if p.form]
     return [name for name in forms if model.parameters[name].low == model.parameters[name].high]
 

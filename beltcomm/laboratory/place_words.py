@@ -16,6 +16,8 @@ def in_words(place: ErrorRegion, landmarks: Mapping[str, float] | None = None) -
 
     Parameters
     ----------
+    place : ErrorRegion
+        Where the error stands out.
     landmarks : dict of str to float or None
         Frequencies with a name, Hz, such as the antiresonance.
     """

@@ -73,6 +73,10 @@ def check_run(recordings: Sequence[Recording], axis: Axis, *, foreign: bool) -> 
 
     Parameters
     ----------
+    recordings : sequence of Recording
+        Of a run.
+    axis : Axis
+        As its file states it.
     foreign : bool
         Not made by a drive of the tool's own.
 

@@ -146,7 +146,18 @@ class Bins:
 
 
 def gather_samples(judged: Sequence[Judged]) -> Samples:
-    """The samples of all segments side by side."""
+    """The samples of all segments side by side.
+
+    Parameters
+    ----------
+    judged : sequence of Judged
+        Segments with their whitened residuals.
+
+    Returns
+    -------
+    Samples
+        Load, N m at the motor, speed and place, m/s and m along the belt (rad/s and rad for a motor alone), time, s.
+    """
     names = tuple(dict.fromkeys(j.piece.record for j in judged))
     return Samples(
         np.concatenate([j.white for j in judged]),
@@ -162,7 +173,18 @@ def gather_samples(judged: Sequence[Judged]) -> Samples:
 
 
 def dimensions(samples: Samples) -> dict[str, tuple[Array, Array, str]]:
-    """Value of every sample, edges and unit by dimension."""
+    """Value of every sample, edges and unit by dimension.
+
+    Parameters
+    ----------
+    samples : Samples
+        Of all segments.
+
+    Returns
+    -------
+    dict of str to tuple of ndarray and str
+        By "speed", "position", "amplitude" and "time".
+    """
     largest = float(np.abs(samples.load).max()) if len(samples.load) else 1.0
     return {
         "speed": (np.abs(samples.speed), samples.units.speeds, f"{samples.units.length}/s"),
@@ -173,7 +195,18 @@ def dimensions(samples: Samples) -> dict[str, tuple[Array, Array, str]]:
 
 
 def position_edges(samples: Samples) -> Array:
-    """Edges of the position bins: 4 cm, or ``MOST_PLACES`` of them on a long way or for a motor alone."""
+    """Edges of the position bins: 4 cm, or ``MOST_PLACES`` of them on a long way or for a motor alone.
+
+    Parameters
+    ----------
+    samples : Samples
+        Of all segments.
+
+    Returns
+    -------
+    ndarray
+        In the unit of ``samples.position``.
+    """
     return grid(samples.position, max(PLACE_M, float(np.ptp(samples.position)) / MOST_PLACES))
 
 
@@ -183,7 +216,26 @@ def bin_numbers(values: Array, edges: Array) -> NDArray[np.intp]:
 
 
 def bins_of(dimension: str, values: Array, edges: Array, unit: str, squares: Array) -> Bins:
-    """Ratios along one dimension."""
+    """Error over the noise along one dimension.
+
+    Parameters
+    ----------
+    dimension : str
+        Its name.
+    values : ndarray (n,)
+        Of every sample, in ``unit``.
+    edges : ndarray (k + 1,)
+        Of the bins, in ``unit``.
+    unit : str
+        Of the dimension.
+    squares : ndarray (n,)
+        Whitened residual squared.
+
+    Returns
+    -------
+    Bins
+        nan with fewer than ``FEWEST`` samples.
+    """
     number = bin_numbers(values, edges)
     count = np.bincount(number, minlength=len(edges) - 1)
     total = np.bincount(number, squares, minlength=len(edges) - 1)
@@ -212,7 +264,20 @@ class Bands:
 
 
 def bands(judged: Sequence[Judged], width_hz: float = BAND_HZ) -> Bands:
-    """Power by record and band, left-out samples as zeros."""
+    """Power by record and band, left-out samples as zeros.
+
+    Parameters
+    ----------
+    judged : sequence of Judged
+        Segments with their whitened residuals.
+    width_hz : float, Hz
+        Of a band, about.
+
+    Returns
+    -------
+    Bands
+        Power 1 at the noise, and its weight, records by bands.
+    """
     names = tuple(dict.fromkeys(j.piece.record for j in judged))
     sample, narrowest = judged[0].piece.motion.sample_s, min(j.piece.group for j in judged)
     count = max(1, round(0.5 / sample / narrowest / width_hz))
@@ -236,12 +301,24 @@ def bands(judged: Sequence[Judged], width_hz: float = BAND_HZ) -> Bands:
 
 
 def motor_speed(item: Judged) -> Array:
-    """Speed of the motor at the kept samples, rad/s."""
+    """Speed of the motor at the kept samples, rad/s.
+
+    Parameters
+    ----------
+    item : Judged
+        One segment.
+    """
     return np.asarray(item.piece.motion.omega[:: item.piece.motion.substeps][item.piece.value_samples])
 
 
 def motor_angle(item: Judged) -> Array:
-    """Absolute angle of the motor at the kept samples, rad."""
+    """Absolute angle of the motor at the kept samples, rad.
+
+    Parameters
+    ----------
+    item : Judged
+        One segment.
+    """
     return np.asarray(item.piece.motion.theta[:: item.piece.motion.substeps][item.piece.value_samples])
 
 

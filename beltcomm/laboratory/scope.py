@@ -46,7 +46,20 @@ SLOW_M_S, APART_M = 0.08, 0.1
 
 
 def restrict_to_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tuple[Diagnosis, list[str]]:
-    """The diagnosis without names or a verdict that these records cannot bear, and sentences on it."""
+    """The diagnosis without names or a verdict that these records cannot bear, and sentences on it.
+
+    Parameters
+    ----------
+    found : Diagnosis
+        As it was searched.
+    recordings : sequence of Recording
+        That it was searched in.
+
+    Returns
+    -------
+    tuple of Diagnosis and list of str
+        No sentence where nothing is taken back.
+    """
     doubt = noise_doubt(found.final_fit.ratio, recordings)
     if doubt and found.verdict != "partly explained":
         left = unexplained_words({one.name: one.plain for one in compare(found.data, found.final_fit).records})
@@ -195,7 +208,20 @@ def delay_of_path(found: Diagnosis) -> str:
 
 
 def not_named(model: Model, recordings: Sequence[Recording]) -> set[str]:
-    """Effects that these records cannot bear a name of."""
+    """Effects that these records cannot bear a name of.
+
+    Parameters
+    ----------
+    model : Model
+        The base model.
+    recordings : sequence of Recording
+        Of the diagnosis.
+
+    Returns
+    -------
+    set of str
+        Names; empty where a record is excited.
+    """
     if "cart" not in model.base_bodies or is_excited(recordings):
         return set()
     return {effect.name for effect in EFFECTS if effect.slot in FAST_SLOTS}
@@ -211,6 +237,8 @@ def missing_records(recordings: Sequence[Recording], ratio_m_rad: float) -> list
 
     Parameters
     ----------
+    recordings : sequence of Recording
+        Of a run.
     ratio_m_rad : float
         Carriage travel per radian of the motor.
     """

@@ -99,7 +99,19 @@ def line_columns(piece: Segment, inertia: float, lines: float) -> Array:
 
 @compiled
 def load_kernel(sine: Array, cosine: Array, power_sine: Array, power_cosine: Array, m: int, means: Array) -> None:
-    """Raise the powers by one order; their triangular means by Simpson's rule (see ``triangular_mean``)."""
+    """Raise the powers by one order; their triangular means by Simpson's rule (see ``triangular_mean``).
+
+    Parameters
+    ----------
+    sine, cosine : ndarray (n,)
+        Of the angle, on a grid m times as fine as the samples.
+    power_sine, power_cosine : ndarray (n,)
+        Of its multiples; changed in place.
+    m : int
+        Steps of the grid in a sample.
+    means : ndarray (2, samples)
+        Sine and cosine; filled but for both ends.
+    """
     for k in range(sine.shape[0]):
         s, c = power_sine[k], power_cosine[k]
         power_sine[k] = s * cosine[k] + c * sine[k]
@@ -117,7 +129,21 @@ def load_kernel(sine: Array, cosine: Array, power_sine: Array, power_cosine: Arr
 
 @compiled
 def gain_kernel(sine: Array, cosine: Array, power_sine: Array, power_cosine: Array, torque: Array, m: int, means: Array) -> None:
-    """Means of the gain harmonics for cells of held torque; the middle of a cell weighs it."""
+    """Raise the powers by one order, and add their means for held torque, cell by cell; the middle of a cell weighs it.
+
+    Parameters
+    ----------
+    sine, cosine : ndarray (n,)
+        Of the angle, on a grid m times as fine as the samples.
+    power_sine, power_cosine : ndarray (n,)
+        Of its multiples; changed in place.
+    torque : ndarray (samples,), N m
+        Held from each sample to the next, motor shaft.
+    m : int
+        Steps of the grid in a sample.
+    means : ndarray (2, samples)
+        Sine and cosine, N m; added to, but for both ends.
+    """
     for k in range(sine.shape[0]):
         s, c = power_sine[k], power_cosine[k]
         power_sine[k] = s * cosine[k] + c * sine[k]
@@ -390,7 +416,18 @@ class Scorer:
 
 
 def amplitude_columns(trial: Trial) -> Iterator[dict[str, float]]:
-    """Values of each column: the whole trial, or each of its amplitudes alone."""
+    """Values of each column: the whole trial, or each of its amplitudes alone.
+
+    Parameters
+    ----------
+    trial : Trial
+        One way to switch an effect on.
+
+    Yields
+    ------
+    dict of str to float
+        By bare name of the parameter.
+    """
     if not trial.amplitudes:
         yield dict(trial.values)
         return
@@ -399,7 +436,22 @@ def amplitude_columns(trial: Trial) -> Iterator[dict[str, float]]:
 
 
 def ground_of(fitted: Fitted, pieces: Sequence[Segment], axis: Axis) -> AxisSummary:
-    """Summary of the axis for the trials."""
+    """Summary of the axis for the trials.
+
+    Parameters
+    ----------
+    fitted : Fitted
+        Model that a trial is added to.
+    pieces : sequence of Segment
+        Segments for speeds, places and torques.
+    axis : Axis
+        As its file states it.
+
+    Returns
+    -------
+    AxisSummary
+        SI; torque at the motor shaft, forces along the belt.
+    """
     model = fitted.model
     ratio = model["transmission.ratio"]
     places = np.concatenate([piece.motion.theta * ratio for piece in pieces])

@@ -229,7 +229,20 @@ def candidates_absorbed_by_base(
 
 
 def may_add(base: Fitted, effect: Effect) -> bool:
-    """True if the model can take the effect, one of a numbered family at a time."""
+    """True if the model can take the effect, one of a numbered family at a time.
+
+    Parameters
+    ----------
+    base : Fitted
+        Fitted without it.
+    effect : Effect
+        The effect.
+
+    Returns
+    -------
+    bool
+        False for one that is there already.
+    """
     present = base.model.effects
     if effect.name in present or (effect.behind_gap and not needs_observer(base.model)):
         return False
@@ -253,7 +266,17 @@ def expected_gain(way: Scored, base: Fitted, starts: int) -> float:
 
 
 def bic_penalty(effect: Effect, base: Fitted, starts: int) -> float:
-    """n ln N + 2 ln starts."""
+    """Penalty of an effect in the evidence: n ln N + 2 ln starts.
+
+    Parameters
+    ----------
+    effect : Effect
+        The effect.
+    base : Fitted
+        Fitted without it.
+    starts : int
+        Ways that were tried.
+    """
     added = sum(p.fitted for p in effect.parameters) + len(effect.bodies)
     return added * math.log(base.problem.samples) + 2.0 * math.log(max(starts, 1))
 
@@ -368,6 +391,14 @@ def with_effect(data: Data, base: Fitted, ground: AxisSummary, effect: Effect, s
 
     Parameters
     ----------
+    data : Data
+        The records.
+    base : Fitted
+        Fitted without it.
+    ground : AxisSummary
+        Of the axis, for the trials.
+    effect : Effect
+        The effect.
     start : Mapping[str, float] or None
         Values from which the fit begins, instead of a search.
 

@@ -58,6 +58,8 @@ def detection_limits(scorer: Scorer, ground: AxisSummary) -> list[DetectionLimit
     ----------
     scorer : Scorer
         A search from this model has filled most of it.
+    ground : AxisSummary
+        Of the axis, for the trials.
     """
     fitted, found = scorer.fitted, []
     for effect in EFFECTS:

@@ -14,7 +14,18 @@ _spoken = ""
 
 
 def of_environment(environment: Mapping[str, str]) -> str:
-    """The language that a shell asks for, two letters; "" for none.   BELTCOMM_LANG comes before LC_ALL, LC_MESSAGES and LANG."""
+    """The language that a shell asks for, two letters.
+
+    Parameters
+    ----------
+    environment : mapping of str to str
+        BELTCOMM_LANG comes before LC_ALL, LC_MESSAGES and LANG.
+
+    Returns
+    -------
+    str
+        "" for none.
+    """
     for name in ("BELTCOMM_LANG", "LC_ALL", "LC_MESSAGES", "LANG"):
         if value := environment.get(name, ""):
             return value[:2].lower()
@@ -22,7 +33,13 @@ def of_environment(environment: Mapping[str, str]) -> str:
 
 
 def use(language: str) -> None:
-    """From now on screens speak this language; one that is not offered leaves English."""
+    """From now on screens speak this language; one that is not offered leaves English.
+
+    Parameters
+    ----------
+    language : str
+        Two letters; "" for English.
+    """
     global _spoken
     _spoken = language if language in OFFERED else ""
     _catalogue.clear()
@@ -56,7 +73,13 @@ def findings(language: str, of: tuple[str, ...] = ("findings", "sentences")) -> 
 
 
 def told(sentence: str) -> str:
-    """A sentence that was filled in already, in the language of the screens, and what fills it too; as it stands where it is not known."""
+    """A sentence that was filled in already, in the language of the screens, and what fills it too; as it stands where it is not known.
+
+    Parameters
+    ----------
+    sentence : str
+        English, with its values.
+    """
     for pattern, text in findings(_spoken) if _spoken else ():
         if sentence and (found := pattern.fullmatch(sentence)):
             return text.format(**{name: told(value) for name, value in found.groupdict().items()})
@@ -69,7 +92,13 @@ def spoken() -> str:
 
 
 def line_told(line: str) -> str:
-    """A line of a screen in its language: what stands between its indentation, its mark and its end."""
+    """A line of a screen in its language: what stands between its indentation, its mark and its end.
+
+    Parameters
+    ----------
+    line : str
+        English, with its values.
+    """
     if not _spoken:
         return line
     words = line.lstrip(" !")
@@ -80,6 +109,19 @@ def line_told(line: str) -> str:
 
 
 def tr(english: str, **values: object) -> str:
-    """A text in the language of the screens, its ``{names}`` filled in."""
+    """A text in the language of the screens, its ``{names}`` filled in.
+
+    Parameters
+    ----------
+    english : str
+        Key of the catalogue.
+    **values : object
+        By the names in the text.
+
+    Returns
+    -------
+    str
+        English where the catalogue does not have it.
+    """
     text = _catalogue.get(english, english)
     return text.format(**values) if values else text

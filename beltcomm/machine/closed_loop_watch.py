@@ -43,7 +43,7 @@ class Watched(Protocol):
         ...
 
 
-def rigid_torque(model: Model, motion: Motion, holding_nm: float) -> Array:
+def _rigid_torque(model: Model, motion: Motion, holding_nm: float) -> Array:
     """Torque of a rigid axis along a motion:  J φ̈ + τ_C sign φ̇ + d φ̇ + τ_g, N m, (n,)."""
     speed = motion.velocity_rad_s
     acceleration = np.gradient(speed, motion.period_s)
@@ -52,7 +52,7 @@ def rigid_torque(model: Model, motion: Motion, holding_nm: float) -> Array:
     )
 
 
-def planned_torque_nm(machine: Watched, model: Model, torque_nm: Array) -> float:
+def _planned_torque_nm(machine: Watched, model: Model, torque_nm: Array) -> float:
     """Largest torque that a motion or a stop out of it takes, N m.
 
     Parameters
@@ -65,13 +65,27 @@ def planned_torque_nm(machine: Watched, model: Model, torque_nm: Array) -> float
 
 
 def lent_torque_nm(machine: Watched, model: Model, torque_nm: Array) -> float:
-    """Torque beyond which a drive with a known loop does not go while it makes a motion, N m: its limit 6072h is lent for that, where it
-    takes one.   torque_nm : as of :func:`planned_torque_nm`."""
+    """Torque beyond which a drive with a known loop does not go while it makes a motion: its limit 6072h is lent for that.
+
+    Parameters
+    ----------
+    machine : Watched
+        The axis behind its drive.
+    model : Model
+        For which a stop out of the motion is predicted.
+    torque_nm : ndarray (n,), N m, motor shaft
+        As of :func:`_planned_torque_nm`.
+
+    Returns
+    -------
+    float, N m
+        Motor shaft; the drive's peak torque where it takes no limit.
+    """
     own = machine.drive.capabilities
     limit = own.parameters.get(LIMIT_NAMES[0])
     if limit is None or limit.index in own.not_taken:
         return own.peak_torque_nm
-    return min(own.peak_torque_nm, machine.envelope().torque_nm, OVER_PLAN * planned_torque_nm(machine, model, torque_nm))
+    return min(own.peak_torque_nm, machine.envelope().torque_nm, OVER_PLAN * _planned_torque_nm(machine, model, torque_nm))
 
 
 def unwatched(_row: Row) -> None:
@@ -95,7 +109,15 @@ class Foreseen:
 
 
 def within(envelope: Envelope, found: Foreseen) -> Envelope:
-    """The envelope with the torque that was foreseen."""
+    """The envelope with the torque that was foreseen, where that is lower.
+
+    Parameters
+    ----------
+    envelope : Envelope
+        Before.
+    found : Foreseen
+        As :func:`foreseen` returned it.
+    """
     return replace(envelope, torque_nm=min(envelope.torque_nm, found.torque_nm))
 
 
@@ -105,6 +127,18 @@ def foreseen(machine: Watched, motion: Motion) -> Foreseen:
     As soon as there is a model to predict the motion with (a rigid axis where the loop is unknown), swings around the resonance are
     watched, and the drive gets a torque limit of ``OVER_PLAN`` times what the motion or a stop out of it takes: a loop that swings does
     so during its quick stop as well.
+
+    Parameters
+    ----------
+    machine : Watched
+        The axis behind its drive.
+    motion : Motion
+        That the drive will make.
+
+    Returns
+    -------
+    Foreseen
+        Watch of its rows and largest torque, N m at the motor shaft.
     """
     if motion.kind == "torque":
         return Foreseen(unwatched)
@@ -113,7 +147,7 @@ def foreseen(machine: Watched, motion: Motion) -> Foreseen:
         return Foreseen(belt)
     (model, delay_s), capabilities = machine.closed, machine.drive.capabilities
     if machine.cascade is None:
-        torque, over = rigid_torque(model, motion, machine.holding_nm), OVER_RIGID
+        torque, over = _rigid_torque(model, motion, machine.holding_nm), OVER_RIGID
     else:
         drive = Loop(capabilities.structure, delay_s, capabilities.peak_torque_nm, capabilities.counts_per_rev)
         torque, over = predicted_torque(model, machine.cascade, motion, drive, machine.ratio, machine.origin_rad), OVER_PLAN
@@ -124,4 +158,4 @@ def foreseen(machine: Watched, motion: Motion) -> Foreseen:
         resonance(row)
         belt(row)
 
-    return Foreseen(watch, over * planned_torque_nm(machine, model, torque))
+    return Foreseen(watch, over * _planned_torque_nm(machine, model, torque))

@@ -69,8 +69,12 @@ def run_on_m(axis: Axis, torque_nm: float, held_s: float) -> float:
 
     Parameters
     ----------
+    axis : Axis
+        As its file states it.
     torque_nm : float
         Then, N m.
+    held_s : float, s
+        For which the drive holds the last torque.
     """
     ratio, friction = axis.transmission_m_rad, SLIDING_SHARE * torque_nm
     inertia = axis.motor_side_inertia_kg_m2 + ratio**2 * max(unknown_loads_kg(axis)[0], axis.payload.mass_kg or 0.0)
@@ -83,6 +87,14 @@ def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float, reach_m: float,
 
     Parameters
     ----------
+    drive : Drive
+        Connected.
+    axis : Axis
+        As its file states it.
+    limits : Limits
+        Of torque and speed, at the motor.
+    by_m : float, m
+        Way of the carriage.
     reach_m : float, m
         Which the carriage must not leave with the way of the stop. The work of the torque is used up by friction: it ends within moved
         τ/τ_friction, so it is stopped while that is less.
@@ -205,6 +217,12 @@ def move_limits(drive: Drive, axis: Axis, by_m: float, position_m: float | None)
 
     Parameters
     ----------
+    drive : Drive
+        Connected.
+    axis : Axis
+        As its file states it.
+    by_m : float, m
+        Way of the carriage, either way.
     position_m : float or None, m
         Where the carriage stands, as the operator says; else the drive's own zero counts.
 
@@ -236,6 +254,12 @@ def small_move(drive: Drive, axis: Axis, by_m: float, position_m: float | None) 
 
     Parameters
     ----------
+    drive : Drive
+        Connected.
+    axis : Axis
+        As its file states it.
+    by_m : float, m
+        Way of the carriage, either way.
     position_m : float or None, m
         Where the carriage stands, as the operator says; without it the drive's own zero counts.
 

@@ -29,7 +29,13 @@ class Envelope:
 
 
 def stroking(capabilities: Capabilities) -> LoopKind:
-    """The loop that follows strokes with the least lag, or the drive's own strokes where it offers nothing else."""
+    """The loop that follows strokes with the least lag, or the drive's own strokes where it offers nothing else.
+
+    Parameters
+    ----------
+    capabilities : Capabilities
+        Of the drive.
+    """
     if capabilities.kinds == {"profile"}:
         return "profile"
     return "position" if capabilities.structure.velocity_feedforward and "position" in capabilities.kinds else "velocity"

@@ -29,7 +29,17 @@ class ExcitationContext:
 
 
 def run_on_words(machine: Machine, predicted: Prediction, ends_m: float) -> str:
-    """Way that the carriage runs on if the computer dies, in words, with the guard time that the record will have."""
+    """Way that the carriage runs on if the computer dies, in words, with the guard time that the record will have.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    predicted : Prediction
+        Of an excitation.
+    ends_m : float, m
+        Way from the record's place to the nearer end of the travel.
+    """
     number = host_loss.chosen(predicted, ends_m)
     return host_loss.words(guard_times_s(machine.drive.capabilities)[number], predicted.run_on_m[number])
 
@@ -37,7 +47,26 @@ def run_on_words(machine: Machine, predicted: Prediction, ends_m: float) -> str:
 def guarded(
     machine: Machine, excitation: Excitation, at: float, envelope: Envelope, context: ExcitationContext
 ) -> tuple[Envelope, Callable[[Row], None]]:
-    """Limits of an excitation around a place, m, with the guard time of its run-on, and the watch of its rows."""
+    """Limits of an excitation around a place, m, with the guard time of its run-on, and the watch of its rows.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    excitation : Excitation
+        That will be sent.
+    at : float, m
+        Place on the axis.
+    envelope : Envelope
+        Of the excitation.
+    context : ExcitationContext
+        Its prediction, and the models that count for the run-on.
+
+    Returns
+    -------
+    tuple of Envelope and callable
+        The watch raises SafetyStop.
+    """
     predicted, full = context.predicted, machine.envelope()
     (low, high), ends = envelope.window_m, full.window_m
     number = host_loss.chosen(predicted, min(at - ends[0], ends[1] - at))
@@ -67,7 +96,30 @@ def guarded(
 def excite(
     machine: Machine, name: str, excitation: Excitation, at: float, envelope: Envelope, context: ExcitationContext, held_out: bool = False
 ) -> Recording:
-    """Record an excitation around a place, m: a stop at any limit still ends in the envelope, and a run-on before the end of the travel."""
+    """Record an excitation around a place, m: a stop at any limit still ends in the envelope, and a run-on before the end of the travel.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    name : str
+        Of the record.
+    excitation : Excitation
+        That is sent.
+    at : float, m
+        Place on the axis.
+    envelope : Envelope
+        Of the excitation.
+    context : ExcitationContext
+        Its prediction, and the models that count for the run-on.
+    held_out : bool
+        True for a record that judges.
+
+    Raises
+    ------
+    DriveError, Refused
+        When another torque was delivered than was asked for; the record is withdrawn.
+    """
     envelope, watch = guarded(machine, excitation, at, envelope, context)
     note = ExcitationNote(
         kind=excitation.kind,

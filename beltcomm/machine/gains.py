@@ -99,12 +99,36 @@ def _raw(value: float) -> str:
 
 
 def unit_of(name: str) -> str:
-    """The unit in which people read a parameter."""
+    """The unit in which people read a parameter.
+
+    Parameters
+    ----------
+    name : str
+        Of a drive's parameter.
+
+    Returns
+    -------
+    str
+        "" for none.
+    """
     return READ_AS[name][0] if name in READ_AS else UNITS.get(name, "")
 
 
 def read_as(name: str, value: float) -> str:
-    """A parameter in that unit, in words where its number is a code."""
+    """A parameter in the unit in which people read it, in words where its number is a code.
+
+    Parameters
+    ----------
+    name : str
+        Of a drive's parameter.
+    value : float, SI
+        Of the parameter.
+
+    Returns
+    -------
+    str
+        Without its unit.
+    """
     if name == "prefilter_kind" and value in range(len(PREFILTER_KINDS)):
         return PREFILTER_KINDS[int(value)]
     return f"{READ_AS[name][1] * value if name in READ_AS else value:.6g}"
@@ -115,7 +139,29 @@ def _shown(name: str, value: float | None) -> str:
 
 
 def named_differences(drive: Drive, folder: RunFolder, wanted: Mapping[str, float]) -> Differences:
-    """Differences to these SI values.   Raises Refused where the meaning of a gain is not known yet, UsageError out of range."""
+    """Differences of a drive's parameters to wanted values.
+
+    Parameters
+    ----------
+    drive : Drive
+        Connected.
+    folder : RunFolder
+        The run folder.
+    wanted : mapping of str to float, SI
+        By name of the parameter.
+
+    Returns
+    -------
+    Differences
+        With the parameters that the drive does not have, in words.
+
+    Raises
+    ------
+    Refused
+        Where the meaning of a gain is not known yet.
+    UsageError
+        For a value out of range.
+    """
     offered = drive.capabilities.parameters
     values = object_values(offered, {name: value for name, value in wanted.items() if name in offered})
     found = differences(drive, folder, values)
@@ -133,8 +179,14 @@ def differences(drive: Drive, folder: RunFolder | None, wanted: Sequence[ObjectV
 
     Parameters
     ----------
+    drive : Drive
+        Connected.
     folder : RunFolder or None
         Of the run, None for what this computer itself noted of the drive.
+    wanted : sequence of ObjectValue
+        Objects with their raw values.
+    left_out : sequence of str
+        Sentences on what is wanted and not in this drive.
 
     Raises
     ------
@@ -180,7 +232,32 @@ def _si(drive: Drive, item: ObjectValue, wanted: Sequence[ObjectValue], name: st
 def write(
     drive: Drive, folder: RunFolder, found: Differences, talk: Talk, *, yes: bool, verb: str, question: str = "Nothing moves."
 ) -> None:
-    """Show, ask, back up, write, read back.   Raises Refused for a no, ObjectLocked, ObjectRefused, DriveError."""
+    """Show, ask, back up, write, read back.
+
+    Parameters
+    ----------
+    drive : Drive
+        Connected.
+    folder : RunFolder
+        The run folder.
+    found : Differences
+        As :func:`named_differences` returned them.
+    talk : Talk
+        Hears progress and answers questions.
+    yes : bool
+        True for a consent given before.
+    verb : str
+        Of the command, for journal and backup.
+    question : str
+        Words behind the question.
+
+    Raises
+    ------
+    Refused
+        For a no.
+    ObjectLocked, ObjectRefused, DriveError
+        As the drive raises them.
+    """
     talk.say("The drive's objects, now -> then:", *found.table())
     if found.changes and not yes and not talk.confirm(f"Write these to the drive? {question}"):
         raise Declined("nothing was written, as you said")
@@ -193,5 +270,18 @@ def write(
 
 
 def put_back(drive: Drive, found: Differences) -> None:
-    """Restore the values from before :func:`write`.   Raises DriveError."""
+    """Restore the values from before :func:`write`.
+
+    Parameters
+    ----------
+    drive : Drive
+        Connected.
+    found : Differences
+        That were written.
+
+    Raises
+    ------
+    DriveError
+        When they cannot be written.
+    """
     drive.write_objects([replace(one.wanted, raw=one.before) for one in found.changes])

@@ -47,12 +47,38 @@ class Expected:
 
 
 def holding_torque_nm(axis: Axis, mass_kg: float, tilt_deg: float) -> float:
-    """i_t m_c g sin(α), N m (errata 11)."""
+    """Torque that holds a carriage on a tilted axis: i_t m_c g sin(α), N m at the motor shaft (errata 11).
+
+    Parameters
+    ----------
+    axis : Axis
+        With its transmission.
+    mass_kg : float, kg
+        m_c with payload.
+    tilt_deg : float, deg
+        α.
+    """
     return axis.transmission_m_rad * mass_kg * GRAVITY_M_S2 * math.sin(math.radians(tilt_deg))
 
 
 def expected(axis: Axis) -> Expected:
-    """The holding torque by tilt and payload.   Raises UsageError without a payload."""
+    """Holding torque by the tilt and payload that are stated, with its bounds.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+
+    Returns
+    -------
+    Expected
+        N m at the motor shaft, and the mass, kg.
+
+    Raises
+    ------
+    UsageError
+        Without a payload or a pulley.
+    """
     axis.require("holding a tilted axis", "payload.mass_kg", "pulley.effective_radius_m")
     payload, tilt = float(axis.payload.mass_kg or 0.0), axis.mounting.tilt_deg
     sign, steep = math.copysign(1.0, tilt), abs(tilt)
@@ -70,6 +96,14 @@ def refuse_too_steep(axis: Axis, holding_nm: float, friction_nm: float, mass_kg:
 
     Parameters
     ----------
+    axis : Axis
+        As its file states it.
+    holding_nm : float, N m, motor shaft
+        τ_g.
+    friction_nm : float, N m, motor shaft
+        τ_C.
+    mass_kg : float, kg
+        Carriage with payload.
     known : str
         Where the numbers are from, in words.
     """
@@ -87,7 +121,20 @@ def refuse_too_steep(axis: Axis, holding_nm: float, friction_nm: float, mass_kg:
 
 
 def suitable(axis: Axis) -> None:
-    """Raise UsageError or Refused for a tilted axis that axis.yaml alone rules out; nothing for a level one."""
+    """Refuse a tilted axis that axis.yaml alone rules out; nothing for a level one.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+
+    Raises
+    ------
+    UsageError
+        Without a payload or a pulley.
+    Refused
+        For an axis too steep for its torque, an upright one without a brake, or a weak brake.
+    """
     if not axis.mounting.tilted:
         return
     guess = expected(axis)
@@ -108,9 +155,21 @@ def suitable(axis: Axis) -> None:
 
 
 def admit(machine: Machine) -> None:
-    """Raise Refused unless a tilted axis is held without torque and by a stop of the drive.   Nothing moves, unless gravity moves it.
+    """Refuse a tilted axis unless it is held without torque and by a stop of the drive.   Nothing moves, unless gravity moves it.
 
     The stage is off whenever nothing is recorded: between the records a brake or friction holds the carriage, or it falls.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+
+    Raises
+    ------
+    Refused
+        With what is missing.
+    UsageError
+        Without a payload or a pulley.
     """
     axis = machine.axis
     if not axis.mounting.tilted:
@@ -140,7 +199,22 @@ def admit(machine: Machine) -> None:
 
 
 def held_by(machine: Machine, holding_nm: float, friction_nm: float) -> str:
-    """In words, what holds the carriage without torque.   Raises Refused when that is friction and it does not surely do so."""
+    """Part that holds the carriage without torque, in words.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    holding_nm : float, N m, motor shaft
+        Holding torque.
+    friction_nm : float, N m, motor shaft
+        Coulomb friction.
+
+    Raises
+    ------
+    Refused
+        When that is friction and it does not surely do so.
+    """
     brake = machine.axis.motor.brake_torque_nm
     if brake:
         return f"the brake ({brake:g} N m)"
@@ -158,6 +232,8 @@ def less_steep(machine: Machine, limit_n: float, needed_n: float) -> str:
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
     limit_n : float
         It may carry.
     needed_n : float
@@ -173,6 +249,19 @@ def less_steep(machine: Machine, limit_n: float, needed_n: float) -> str:
 
 
 def not_on_tilted(axis: Axis, what: str) -> None:
-    """Raise UsageError for what is not done on a tilted axis."""
+    """Refuse what is not done on a tilted axis.
+
+    Parameters
+    ----------
+    axis : Axis
+        With its tilt.
+    what : str
+        Behind the colon of the sentence.
+
+    Raises
+    ------
+    UsageError
+        On a tilted axis.
+    """
     if axis.mounting.tilted:
         raise UsageError(f"axis.yaml states a tilt of {axis.mounting.tilt_deg:g} deg: {what}")

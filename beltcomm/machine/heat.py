@@ -77,7 +77,20 @@ class HeatPlan:
 
 
 def heat_plan(thermal: Thermal, loads: Iterable[tuple[float, float]]) -> HeatPlan:
-    """Heat of loads (rms torque, N m; seconds) one after the other."""
+    """Heat of loads (rms torque, N m; seconds) one after the other.
+
+    Parameters
+    ----------
+    thermal : Thermal
+        Rated torque and store of the motor.
+    loads : iterable of tuple of float
+        In their order; motor shaft.
+
+    Returns
+    -------
+    HeatPlan
+        Mean and largest share of what the motor bears for ever, filling of the store, and the pause before each, s.
+    """
     heat = seconds = excess = fullest = hottest = 0.0
     pauses = []
     for torque, duration in loads:
@@ -93,7 +106,23 @@ def heat_plan(thermal: Thermal, loads: Iterable[tuple[float, float]]) -> HeatPla
 
 
 def path_rms_nm(path: Trajectory, inertia_kg_m2: float, ratio: float, mass_kg: float, friction_nm: float, held_nm: float = 0.0) -> float:
-    """Torque of a rigid axis along a path, rms, N m at the motor:  τ = (Θ_e/i_t + i_t m) a + τ_C sign(v) + τ_g."""
+    """Torque of a rigid axis along a path, rms, N m at the motor:  τ = (Θ_e/i_t + i_t m) a + τ_C sign(v) + τ_g.
+
+    Parameters
+    ----------
+    path : Trajectory
+        Of the carriage.
+    inertia_kg_m2 : float, kg m²
+        Θ_e, motor side.
+    ratio : float, m/rad
+        i_t.
+    mass_kg : float, kg
+        Carriage with payload.
+    friction_nm : float, N m, motor shaft
+        τ_C.
+    held_nm : float, N m, motor shaft
+        τ_g, counted in the direction that takes more.
+    """
     torque = (inertia_kg_m2 / ratio + ratio * mass_kg) * path.acceleration_m_s2 + friction_nm * np.sign(path.velocity_m_s)
     return float(np.sqrt(np.mean((np.abs(torque) + abs(held_nm)) ** 2)))
 

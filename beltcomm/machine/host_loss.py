@@ -34,6 +34,8 @@ def prove(machine: Machine, holding_nm: float | None = None) -> Guarding:
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
     holding_nm : float or None
         What holds the axis meanwhile, N m.
 
@@ -110,6 +112,8 @@ def losses_of(machine: Machine, sliding_nm: Callable[[float, float], float] | No
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
     sliding_nm : callable
         As in :func:`braking_of`.
     """
@@ -201,6 +205,17 @@ class RunOnWatch:
 
 
 def guard_times_s(capabilities: Capabilities) -> tuple[float, ...]:
-    """Guard times that drive and bus allow, longest first; the shortest one always."""
+    """Guard times that drive and bus allow, longest first; the shortest one always.
+
+    Parameters
+    ----------
+    capabilities : Capabilities
+        Of the drive.
+
+    Returns
+    -------
+    tuple of float, s
+        At least one.
+    """
     shortest = capabilities.shortest_guard_s or GUARD_S
     return (*(time for time in GUARD_TIMES_S if time > shortest), shortest)

@@ -25,7 +25,18 @@ RATED_TOLERANCE = 0.05
 
 
 def nameplate_of(axis: Axis) -> KnownMotor:
-    """Motor as the axis file knows it, for a drive that does not tell."""
+    """Motor as the axis file knows it, for a drive that does not tell.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+
+    Returns
+    -------
+    KnownMotor
+        SI, motor shaft; None for what is not stated.
+    """
     motor, speed = axis.motor, axis.limits.speed_m_s
     fastest = speed / axis.transmission_m_rad if speed is not None and axis.get("pulley.effective_radius_m") is not None else None
     return KnownMotor(
@@ -102,7 +113,22 @@ def ratings(axis: Axis, capabilities: Capabilities) -> tuple[Rating, ...]:
 
 
 def limit_ratings(axis: Axis, peak_torque_nm: float, max_speed_rad_s: float) -> tuple[Rating, Rating]:
-    """The drive's limits: lower than what the motor bears is right; for doctor and commissioning."""
+    """The drive's limits against the motor's: lower than what the motor bears is right; for doctor and commissioning.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    peak_torque_nm : float, N m, motor shaft
+        Of the drive.
+    max_speed_rad_s : float, rad/s, motor shaft
+        Of the drive.
+
+    Returns
+    -------
+    tuple of Rating
+        Of torque and speed.
+    """
     return (
         Rating(
             "largest torque",
@@ -140,6 +166,13 @@ def check_units(folder: RunFolder, capabilities: Capabilities) -> None:
     Whoever changes them with a maker's tool leaves limits, zero and ramps in the old ones, and a drive that tells another unit than it
     counts in shows that to no sensor.
 
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    capabilities : Capabilities
+        Of the drive.
+
     Raises
     ------
     UsageError
@@ -159,7 +192,18 @@ def check_units(folder: RunFolder, capabilities: Capabilities) -> None:
 
 
 def other_units_than(before: Mapping[str, float], now: Mapping[str, float]) -> list[str]:
-    """Units that are other ones than before, in words; one that nobody told, then or now, is not compared."""
+    """Units that are other ones than before, in words; one that nobody told, then or now, is not compared.
+
+    Parameters
+    ----------
+    before, now : mapping of str to float, SI
+        Size of one unit of the drive, by name.
+
+    Returns
+    -------
+    list of str
+        Empty where they agree.
+    """
     found = []
     for name, (what, unit, objects) in _UNITS.items():
         then, here = before.get(name), now.get(name)
@@ -169,7 +213,15 @@ def other_units_than(before: Mapping[str, float], now: Mapping[str, float]) -> l
 
 
 def fault_of(axis: Axis, capabilities: Capabilities) -> str:
-    """Sentence with which :func:`check_ratings` would refuse; "" for nothing."""
+    """Sentence with which :func:`check_ratings` would refuse; "" for nothing.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    capabilities : Capabilities
+        Of the drive.
+    """
     try:
         check_ratings(axis, capabilities)
     except UsageError as problem:
@@ -178,7 +230,15 @@ def fault_of(axis: Axis, capabilities: Capabilities) -> str:
 
 
 def counts_rating(axis: Axis, counts_per_rev: float) -> Rating:
-    """The encoder: beyond rounding it is wrong, else the drive's number is used; for doctor, plan and commissioning."""
+    """Encoder of the drive against the axis file: beyond rounding it is wrong, else the drive's number is used.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    counts_per_rev : float
+        Of the drive, per turn of the motor.
+    """
     counts = axis.motor.encoder_counts_per_rev
     remedy = "every way would be scaled by that; correct motor.encoder_counts_per_rev, to what the drive counts in, or the drive's encoder"
     if counts and abs(counts_per_rev / counts - 1.0) <= RATED_TOLERANCE:

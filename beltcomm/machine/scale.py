@@ -41,7 +41,7 @@ STIFFNESS = "belt_stiffness.stiffness"
 LIGHTEST_SHARE = 0.1
 
 
-def accelerating_share(recording: Recording, inertia_kg_m2: float) -> float:
+def _accelerating_share(recording: Recording, inertia_kg_m2: float) -> float:
     """Share of a record's torque that went into the acceleration of the motor:  rms(J θ'')/rms(τ), where the torque is large."""
     acceleration = np.diff(recording.position, 2) / recording.sample_period_s**2
     torque = 0.5 * (recording.torque[1:-1] + recording.torque[:-2])
@@ -64,13 +64,13 @@ def jumping_inertia(recording: Recording) -> float:
     return float(torque[large] @ torque[large]) / moved if moved > 0.0 else math.nan
 
 
-def inertia_share(axis: Axis, model: Model) -> float:
+def _inertia_share(axis: Axis, model: Model) -> float:
     """Inertia of a fit over that of the data sheets."""
     return model["motor.inertia"] / axis.motor_side_inertia_kg_m2
 
 
 def _contradiction(axis: Axis, model: Model) -> str:
-    share, stated = inertia_share(axis, model), axis.motor_side_inertia_kg_m2
+    share, stated = _inertia_share(axis, model), axis.motor_side_inertia_kg_m2
     times = f"{max(share, 1.0 / share):.2g} times {'more' if share > 1.0 else 'less'}"
     return (
         f"torque over acceleration of the motor shows an inertia of {model['motor.inertia']:.3g} kg m², by axis.yaml it is {stated:.3g} "
@@ -78,7 +78,7 @@ def _contradiction(axis: Axis, model: Model) -> str:
     )
 
 
-def not_told_apart(axis: Axis, model: Model, first: Model, response: Recording, more_room: str) -> str:
+def _not_told_apart(axis: Axis, model: Model, first: Model, response: Recording, more_room: str) -> str:
     """In words, that a fit takes the carriage for a part of the motor, whose inertia an excitation before it has shown rightly.
 
     Parameters
@@ -96,7 +96,7 @@ def not_told_apart(axis: Axis, model: Model, first: Model, response: Recording, 
     together = axis.motor_side_inertia_kg_m2 + first["cart.mass"] * ratio**2
     friction_nm = first["coulomb.level"] + first["cart_friction.level"] * ratio
     peak_nm = float(np.abs(response.torque).max())
-    shown = f"showed {inertia_share(axis, first):.2f} times that of axis.yaml"
+    shown = f"showed {_inertia_share(axis, first):.2f} times that of axis.yaml"
     if first.parameters["motor.inertia"].origin == OF_THE_SHEETS:
         shown = "showed about that of axis.yaml at the steps of its torque"
     return (
@@ -116,6 +116,15 @@ def check_first(machine: Machine, model: Model, recording: Recording) -> Model:
     like one that moves more.  Friction makes the steps of the torque show more than there is, nothing makes them show less.  Where they
     show about the data sheets' inertia, or more while the estimate is less, that of the sheets stands and the next, louder record decides.
 
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        Of the axis.
+    recording : Recording
+        The record.
+
     Raises
     ------
     Refused
@@ -124,17 +133,17 @@ def check_first(machine: Machine, model: Model, recording: Recording) -> Model:
         _check_rigid(machine, recording)
         return model
     stated = machine.axis.motor_side_inertia_kg_m2
-    share = accelerating_share(recording, stated)
+    share = _accelerating_share(recording, stated)
     if share < LEAST_SHARE:
         machine.folder.journal(f"scale: {100 * share:.0f} % of the torque of {recording.name} accelerated the motor, too little to tell")
         return model
-    shown, estimated = jumping_inertia(recording) / stated, inertia_share(machine.axis, model)
+    shown, estimated = jumping_inertia(recording) / stated, _inertia_share(machine.axis, model)
     told = f"scale: the steps of {recording.name} show {shown:.2f} times the inertia of axis.yaml, the estimate {estimated:.2f} times"
     off = not 1.0 / FIRST_FACTOR < estimated < FIRST_FACTOR
     if off and (STEPS_SHOW[0] < shown < STEPS_SHOW[1] or estimated < 1.0 < shown):
         machine.folder.journal(told)
         return model.with_values({"motor.inertia": stated}, OF_THE_SHEETS)
-    check_scale(machine, model, FIRST_FACTOR)
+    _check_scale(machine, model, FIRST_FACTOR)
     return model
 
 
@@ -158,7 +167,7 @@ def _check_rigid(machine: Machine, recording: Recording) -> None:
     )
     if shown < RIGID_LEAST * alone:
         found = f"less than the {alone:.3g} kg m² that the motor side alone has by axis.yaml, {alone / shown:.2g} times or more"
-    elif shown > FIRST_FACTOR * most and accelerating_share(recording, shown) > LEAST_SHARE:
+    elif shown > FIRST_FACTOR * most and _accelerating_share(recording, shown) > LEAST_SHARE:
         found = f"more than the {most:.3g} kg m² that it would have with the heaviest load counted with, {shown / most:.2g} times or more"
     else:
         return
@@ -169,7 +178,7 @@ def _check_rigid(machine: Machine, recording: Recording) -> None:
     )
 
 
-def check_scale(machine: Machine, model: Model, factor: float) -> None:
+def _check_scale(machine: Machine, model: Model, factor: float) -> None:
     """Compare the inertia that torque and acceleration show with the data sheets, before anything faster.
 
     Parameters
@@ -182,7 +191,7 @@ def check_scale(machine: Machine, model: Model, factor: float) -> None:
     Refused
         With both values and what to look at.
     """
-    share = inertia_share(machine.axis, model)
+    share = _inertia_share(machine.axis, model)
     machine.folder.journal(
         f"scale: torque over acceleration shows {model['motor.inertia']:.3g} kg m² at the motor, axis.yaml "
         f"{machine.axis.motor_side_inertia_kg_m2:.3g}, {share:.2f} times that"
@@ -203,9 +212,15 @@ def check_fitted(machine: Machine, model: Model, first: Model, response: Recordi
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        Of the axis.
     first : Model
         What the excitation before it showed; where that agrees with the data sheets, it is not the scale that is wrong. Nor is it where the
         steps of the torque show about the data sheets' inertia and a fit, of a machine with more bodies, say, somewhat less.
+    response : Recording
+        The record that it was fitted to.
 
     Raises
     ------
@@ -221,16 +236,16 @@ def check_fitted(machine: Machine, model: Model, first: Model, response: Recordi
         )
     if model.rigid:
         return
-    if inertia_share(machine.axis, model) > FITTED_FACTOR and 1.0 / FIRST_FACTOR <= inertia_share(machine.axis, first) <= FIRST_FACTOR:
-        raise Refused(not_told_apart(machine.axis, model, first, response, machine.more_room))
-    share, shown = inertia_share(machine.axis, model), jumping_inertia(response) / machine.axis.motor_side_inertia_kg_m2
+    if _inertia_share(machine.axis, model) > FITTED_FACTOR and 1.0 / FIRST_FACTOR <= _inertia_share(machine.axis, first) <= FIRST_FACTOR:
+        raise Refused(_not_told_apart(machine.axis, model, first, response, machine.more_room))
+    share, shown = _inertia_share(machine.axis, model), jumping_inertia(response) / machine.axis.motor_side_inertia_kg_m2
     if 1.0 / FIRST_FACTOR < share < 1.0 / FITTED_FACTOR and STEPS_SHOW[0] < shown < STEPS_SHOW[1]:
         machine.remark(  # gains follow the inertia: with too little of it the loop is slower than it might be
             f"the fit of {response.name} makes {share:.2f} times the inertia of axis.yaml, the steps of its torque show {shown:.2f} times: "
             "torques and angles are scaled rightly, and something acts that the model does not have; beltcomm diagnose looks for it"
         )
     else:
-        check_scale(machine, model, FITTED_FACTOR)
+        _check_scale(machine, model, FITTED_FACTOR)
     doubt = feed_constant_in_doubt(machine.axis, model, machine.place_m(machine.position_m))
     if doubt:
         machine.remark(doubt)
@@ -302,7 +317,17 @@ def ruler(axis: Axis, crept_m: float, measured_m: float) -> Result:
 
 
 def ruler_line(drive: str, axis: Axis, crept_m: float) -> str:
-    """After a creep: how to check it with a ruler."""
+    """Line behind a creep that says how to check it with a ruler.
+
+    Parameters
+    ----------
+    drive : str
+        As for ``--drive``.
+    axis : Axis
+        With its transmission.
+    crept_m : float, m
+        Way of the carriage by the encoder.
+    """
     turn = 1e3 * math.tau * axis.transmission_m_rad
     return (
         f"That is by the encoder and {turn:.4g} mm per turn of the motor, as axis.yaml says. With a ruler: "

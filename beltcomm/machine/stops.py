@@ -72,6 +72,8 @@ def braking_of(machine: Machine, sliding_nm: Callable[[float, float], float] | N
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
     sliding_nm : callable
         As in :class:`PassiveBraking`.
     """
@@ -84,6 +86,17 @@ def braking_of(machine: Machine, sliding_nm: Callable[[float, float], float] | N
 
 def count_on_loop(machine: Machine, family: Sequence[Model], cascade: Cascade, delay_s: float) -> Braking:
     """Set the quick stop to the hardest one that a loop makes without loading the belt too much; returns what is counted with.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    family : sequence of Model
+        Models that the axis may be, the likeliest first.
+    cascade : Cascade
+        The controller.
+    delay_s : float, s
+        Of the torque path.
 
     Raises
     ------
@@ -129,7 +142,17 @@ def count_on_loop(machine: Machine, family: Sequence[Model], cascade: Cascade, d
 
 
 def lend_brake(machine: Machine, model: Model, position_m: float) -> None:
-    """A cautious loop for the next open-loop record, which only a quick stop closes; a drive without gains keeps to friction."""
+    """A cautious loop for the next open-loop record, which only a quick stop closes; a drive without gains keeps to friction.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        For which the loop is designed.
+    position_m : float, m
+        Carriage on the axis.
+    """
     if not set(VELOCITY_GAINS) <= set(machine.drive.backup()):
         return
     structure = machine.drive.capabilities.structure

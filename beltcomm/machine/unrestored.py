@@ -113,6 +113,28 @@ def settle(drive: Drive, note: Note, talk: Talk, *, yes: bool, dry_run: bool) ->
     """Offer the rollback that an earlier session owes this drive; with ``yes`` it is done at once, and said.   Nothing moves.
 
     A no keeps what is in the drive from now on.   Raises UsageError when that session still lives, and what writing raises.
+
+    Parameters
+    ----------
+    drive : Drive
+        Connected.
+    note : Note
+        Of what that session changed.
+    talk : Talk
+        Hears progress and answers questions.
+    yes : bool
+        True for a consent given before.
+    dry_run : bool
+        True if it is only said.
+
+    Raises
+    ------
+    DataError
+        For a damaged note.
+    UsageError
+        When that session still lives.
+    DriveError
+        When the drive does not take a value.
     """
     left = note.found()
     if left is None:

@@ -58,7 +58,7 @@ class Writable:
         own = drive.capabilities
         kinds = {item.place: item.kind for item in found or drive.objects()}
         kinds |= {(entry.index, entry.subindex): entry.type for entry in own.parameters.values()}
-        rated = {} if folder is None else most_of(own, folder) | {name: (MOST[name], "what drives have") for name in GAIN_NAMES[:4]}
+        rated = {} if folder is None else _most_of(own, folder) | {name: (MOST[name], "what drives have") for name in GAIN_NAMES[:4]}
         held = {n: own.parameters[n] for n in rated if n in own.parameters and own.parameters[n].law == "linear"}
         limits = {(entry.index, entry.subindex): (name, entry.scale, *rated[name]) for name, entry in held.items()}
         return cls({place: kind for place, kind in kinds.items() if place == MODE or not is_command(*place)}, limits)
@@ -118,7 +118,7 @@ class Writable:
                 )
 
 
-def most_of(capabilities: Capabilities, folder: RunFolder) -> dict[str, tuple[float, str]]:
+def _most_of(capabilities: Capabilities, folder: RunFolder) -> dict[str, tuple[float, str]]:
     """The most that each limit may be, SI, and by whose word: axis.yaml's, else what the drive has, or had when the run began: a session
     that was cut off leaves it lower.  Never more than motors do."""
     motor = folder.axis.motor if folder.has_axis else Motor()
@@ -141,8 +141,18 @@ def most_of(capabilities: Capabilities, folder: RunFolder) -> dict[str, tuple[fl
 
 
 def begun_with(folder: RunFolder) -> tuple[Mapping[str, Any], str]:
-    """The ratings that the drive had when the run began; and in words why nothing is known of it: values must come back from a run
-    whose ``results/drive.yaml`` is damaged, too."""
+    """Ratings that the drive had when the run began, by name, and in words why nothing is known of it.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+
+    Returns
+    -------
+    tuple of mapping of str to Any and str
+        Empty where nothing is known: values must come back from a run whose ``results/drive.yaml`` is damaged, too.
+    """
     try:
         noted = folder.load_result("drive") or {}
     except DataError as error:
@@ -151,6 +161,12 @@ def begun_with(folder: RunFolder) -> tuple[Mapping[str, Any], str]:
 
 
 def titles(found: Iterable[str]) -> str:
-    """Objects in words, the first few by name."""
+    """Objects in words, the first few by name.
+
+    Parameters
+    ----------
+    found : iterable of str
+        Titles of objects, any of them more than once.
+    """
     named = list(dict.fromkeys(found))
     return ", ".join(named[:LISTED]) + (f" and {len(named) - LISTED} more" if len(named) > LISTED else "")

@@ -228,7 +228,7 @@ class Model:
         """
         effect = effect_named(name)
         parameters = self.parameters_of(effect)
-        added = default_values(parameters, values or {}, origin)
+        added = _default_values(parameters, values or {}, origin)
         return replace(self, effects=(*self.effects, name), parameters={**self.parameters, **added})
 
     def parameters_of(self, effect: Effect) -> dict[str, Parameter]:
@@ -298,7 +298,7 @@ class Model:
         for effect in (e for e in self.effect_list() if name in e.completed_by and e.name not in gone):
             size = effect.full_names()[0]
             if kept[size].low == kept[size].high:  # all of it acted where that part did; now it has to be able to act itself
-                kept[size] = default_values({size: self.parameters_of(effect)[size]}, {}, "start value")[size]
+                kept[size] = _default_values({size: self.parameters_of(effect)[size]}, {}, "start value")[size]
         return replace(self, effects=tuple(e for e in self.effects if e not in gone), parameters=kept)
 
     def to_dict(self) -> dict[str, Any]:
@@ -443,7 +443,7 @@ def _motor_parameters(effects: Iterable[str], base_bodies: Iterable[str]) -> dic
     return expected
 
 
-def default_values(parameters: Mapping[str, Parameter], values: Mapping[str, float], origin: str) -> dict[str, Value]:
+def _default_values(parameters: Mapping[str, Parameter], values: Mapping[str, float], origin: str) -> dict[str, Value]:
     """Values at their start, or as given by full name or by bare parameter name; a form is held there.
 
     Parameters
@@ -509,7 +509,7 @@ def build_model(
     unknown = [key for key in values if key not in expected]
     if unknown:
         raise UsageError(f"model {name!r} has no parameter {', '.join(unknown)}; it has {', '.join(expected)}")
-    return Model(name, effects, default_values(expected, values, origin), base_bodies, side=side)
+    return Model(name, effects, _default_values(expected, values, origin), base_bodies, side=side)
 
 
 def model_from_dict(data: Mapping[str, Any]) -> Model:
@@ -538,7 +538,7 @@ def model_from_dict(data: Mapping[str, Any]) -> Model:
         expected = expected_parameters(effects, base_bodies, side)
         # A model from before a law had other forms has the usual one.
         usual = {name: p for name, p in expected.items() if p.form and name not in data["parameters"]}
-        parameters = default_values(usual, {}, "usual form")
+        parameters = _default_values(usual, {}, "usual form")
         for name, item in data["parameters"].items():
             if name not in expected:
                 raise UsageError(f"model {data.get('name')!r} has an unknown parameter {name}; it needs {', '.join(expected)}")
@@ -616,6 +616,8 @@ def load_plant(name: str | Path, drive: Mapping[str, object] | None = None) -> P
 
     Parameters
     ----------
+    name : str or Path
+        Of a shipped plant, or a path.
     drive : dict of str to object or None
         Entries that stand in for those of its drive section.
 

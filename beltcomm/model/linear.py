@@ -182,6 +182,8 @@ def operating_point(model: Model, position_m: float, motor_speed_rad_s: float = 
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
     position_m : float, m
         Carriage on the axis.
     motor_speed_rad_s : float
@@ -198,6 +200,10 @@ def matrices(model: Model, point: Point, standstill: Standstill = "refuse", clos
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
+    point : Point
+        Operating point.
     standstill : Standstill
         What a body with set-valued friction is at speed zero: "refuse" raises Refused; "stuck" holds it (it is then not among the bodies of
         the result); an :class:`Oscillation` gives it the damping of :func:`equivalent_damping`.
@@ -347,6 +353,12 @@ def modes(model: Model, point: Point, standstill: Standstill = "refuse", held: S
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
+    point : Point
+        Operating point.
+    standstill : Standstill
+        As of :func:`matrices`.
     held : sequence of str
         Bodies that are held; ("motor",) gives the antiresonances of the motor's response.
     """

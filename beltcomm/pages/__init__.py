@@ -66,7 +66,18 @@ class Ended:
 
 
 def at_the_end(run: Path) -> Ended:
-    """Makes the page.   Whatever is wrong with it, the verdict it is about stands."""
+    """The report at the end of a session.   Whatever is wrong with it, the verdict it is about stands.
+
+    Parameters
+    ----------
+    run : Path
+        Of the run folder.
+
+    Returns
+    -------
+    Ended
+        Place of the page and a line on it; None and the reason where there is none.
+    """
     try:
         shown = report(run)
         made = shown.data

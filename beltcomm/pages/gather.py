@@ -113,5 +113,16 @@ def gathered(run: Path, talk: Talk, against: Path | None = None, *, compared: bo
 
 
 def results_of(folder: RunFolder) -> dict[str, dict[str, Any]]:
-    """All results by name, in the order they were written.   Raises DataError for a damaged one, with its file."""
+    """All results of a run by name, in the order they were written.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+
+    Raises
+    ------
+    DataError
+        For a damaged one, with its file.
+    """
     return {name: folder.load("results", name) for name in folder.names("results")}

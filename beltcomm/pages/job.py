@@ -71,11 +71,11 @@ def report(run: Path, *, against: Path | None = None, out: Path | None = None, t
     found = gathered(run, talk or Silence(), against)
     terms = found.folder.terms
     with pictures_in(terms):
-        page = said_in(terms, page_of(found, before), keys=True)
+        page = said_in(terms, _page_of(found, before), keys=True)
     where = out or run / NAME
     beside = where.with_suffix(".json")
     # a page may be sent to anybody: it names no folder of the machine that it was made on
-    data, problems = numbers_of(found, page, before), []
+    data, problems = _numbers_of(found, page, before), []
     written = tr("Report: {page}, numbers in {file}", page=where, file=beside.name)
     try:
         write_page(where, render(page).replace(f"{run.resolve()}/", ""), data)
@@ -85,13 +85,13 @@ def report(run: Path, *, against: Path | None = None, out: Path | None = None, t
         problems = [written := f"There is no page: {problem}: give another place by --out."]
     facts = [f"  {fact.name}: {fact.value} ({fact.words})" for fact in page.facts]
     since = [f"Since {before.name}:", *(f"  {line}" for line in page.changes)] if before is not None else []
-    steps = (step.partition(": ") for step in next_steps(found, str(run)))
+    steps = (step.partition(": ") for step in _next_steps(found, str(run)))
     advice = [f"Next: {command}   ({why})" for command, _, why in steps]
     text = [page.verdict, *screens.warning_lines(page.warnings), *advice, *facts, *since, written]
     return Result({**data, "page": None if problems else str(where)}, text, UsageError.exit_code if problems else 0)
 
 
-def page_of(found: Gathered, before: Gathered | None = None) -> Page:
+def _page_of(found: Gathered, before: Gathered | None = None) -> Page:
     """The whole page.
 
     Parameters
@@ -119,7 +119,7 @@ def page_of(found: Gathered, before: Gathered | None = None) -> Page:
         sentence,
         state,
         facts(found),
-        next_steps(found),
+        _next_steps(found),
         [*first_part, *(replace(made, folded=made.key not in FIRST) for made in (part(found) for part in PARTS))],
         [f"Made by: {found.command}", *found.remarks],
         changes.named(changed, before, found) if before is not None else (),
@@ -127,7 +127,7 @@ def page_of(found: Gathered, before: Gathered | None = None) -> Page:
     )
 
 
-def numbers_of(found: Gathered, page: Page, before: Gathered | None = None) -> dict[str, Any]:
+def _numbers_of(found: Gathered, page: Page, before: Gathered | None = None) -> dict[str, Any]:
     """Numbers of the page, for programs."""
     comparison = found.comparison
     doubts = found.laboratory.sheets if found.laboratory is not None else ()
@@ -202,7 +202,7 @@ def _margin(run: Gathered) -> Fact:
     return Fact(tr("Phase margin"), f"{least:.0f}°", words, "good" if least >= asked - 0.5 else "note")
 
 
-def next_steps(run: Gathered, called: str = "") -> list[str]:
+def _next_steps(run: Gathered, called: str = "") -> list[str]:
     """The command that helps most.
 
     Parameters

@@ -36,11 +36,30 @@ SENTENCES = 3
 
 
 def comparison_pictures(folder: RunFolder, data: Data, fitted: Fitted, found: Comparison, command: str) -> tuple[list[str], list[str]]:
-    """Overlay of the worst record, error maps, frequency responses.   Returns paths and remarks, as :func:`_written`."""
-    return _written(folder, lambda: comparison_figures(folder, data, fitted, found, command))
+    """Overlay of the worst record, error maps, frequency responses.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    data : Data
+        The records.
+    fitted : Fitted
+        Model, fitted to the records.
+    found : Comparison
+        Of these records and this model.
+    command : str
+        Command line, for the caption.
+
+    Returns
+    -------
+    tuple of list of str
+        Paths in the run folder, and remarks.
+    """
+    return _written(folder, lambda: _comparison_figures(folder, data, fitted, found, command))
 
 
-def comparison_figures(folder: RunFolder, data: Data, fitted: Fitted, found: Comparison, command: str) -> dict[str, Figure]:
+def _comparison_figures(folder: RunFolder, data: Data, fitted: Fitted, found: Comparison, command: str) -> dict[str, Figure]:
     """Figures of a comparison, by name."""
     from beltcomm.report import bode
 
@@ -76,7 +95,24 @@ def _compared(folder: RunFolder, found: Comparison, command: str) -> Caption:
 
 
 def change_picture(folder: RunFolder, rung: Revision, before: Comparison, after: Comparison, command: str) -> tuple[list[str], list[str]]:
-    """Every record before and after a change of the model."""
+    """Every record before and after a change of the model.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    rung : Revision
+        Revision of the model.
+    before, after : Comparison
+        Records without and with the change.
+    command : str
+        Command line, for the caption.
+
+    Returns
+    -------
+    tuple of list of str
+        Paths in the run folder, and remarks.
+    """
 
     def draw() -> dict[str, Figure]:
         from beltcomm.report import staircase, style
@@ -90,7 +126,22 @@ def change_picture(folder: RunFolder, rung: Revision, before: Comparison, after:
 
 
 def ladder_picture(folder: RunFolder, rungs: Sequence[Revision], command: str) -> tuple[list[str], list[str]]:
-    """The staircase."""
+    """Error of every revision of the model as a staircase.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    rungs : sequence of Revision
+        Revisions, in their order.
+    command : str
+        Command line, for the caption.
+
+    Returns
+    -------
+    tuple of list of str
+        Paths in the run folder, and remarks.
+    """
     return _written(folder, lambda: ladder_figures(folder, rungs, command))
 
 
@@ -104,7 +155,22 @@ def ladder_figures(folder: RunFolder, rungs: Sequence[Revision], command: str) -
 
 
 def responses_picture(folder: RunFolder, table: ResponseTable, command: str) -> tuple[list[str], list[str]]:
-    """All frequency responses of a run; nothing without any."""
+    """All frequency responses of a run; nothing without any.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    table : ResponseTable
+        Responses with the conditions they were measured in.
+    command : str
+        Command line, for the caption.
+
+    Returns
+    -------
+    tuple of list of str
+        Paths in the run folder, and remarks.
+    """
     if not table.rows:
         return [], []
 
@@ -128,7 +194,30 @@ def proof_picture(
     delay_s: float,
     command: str,
 ) -> tuple[list[str], list[str]]:
-    """Open loops of a design by model and as measured."""
+    """Open loops of a design by model and as measured.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    design : DesignResult
+        Result with its plants.
+    cascade : Cascade
+        That was designed.
+    proof : DesignProof
+        On the measured responses.
+    recordings : sequence of Recording
+        Of the responses.
+    delay_s : float, s
+        Dead time of the torque path.
+    command : str
+        Command line, for the caption.
+
+    Returns
+    -------
+    tuple of list of str
+        Paths in the run folder, and remarks.
+    """
 
     def draw() -> dict[str, Figure]:
         from beltcomm.report import proof as drawn
@@ -150,7 +239,22 @@ def proof_picture(
 
 
 def friction_pictures(folder: RunFolder, found: FrictionStudy, command: str) -> tuple[list[str], list[str]]:
-    """Friction by order, over the session's clock, and beside the damping of a response."""
+    """Friction by order, over the session's clock, and beside the damping of a response.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    found : FrictionStudy
+        Sweeps, drifts and standstill.
+    command : str
+        Command line, for the caption.
+
+    Returns
+    -------
+    tuple of list of str
+        Paths in the run folder, and remarks.
+    """
 
     def draw() -> dict[str, Figure]:
         from beltcomm.report import friction as report
@@ -164,7 +268,24 @@ def friction_pictures(folder: RunFolder, found: FrictionStudy, command: str) -> 
 
 
 def load_picture(folder: RunFolder, found: LoadDependence, by: str, command: str) -> tuple[list[str], list[str]]:
-    """Friction against load, into the first of the runs."""
+    """Friction against load, into the first of the runs.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The first of the runs.
+    found : LoadDependence
+        Friction of each load.
+    by : str
+        Name of the load's axis.
+    command : str
+        Command line, for the caption.
+
+    Returns
+    -------
+    tuple of list of str
+        Paths in the run folder, and remarks.
+    """
 
     def draw() -> dict[str, Figure]:
         from beltcomm.report import friction as report
@@ -177,7 +298,24 @@ def load_picture(folder: RunFolder, found: LoadDependence, by: str, command: str
 
 
 def ways_picture(folder: RunFolder, name: str, ways: Sequence[LoopReading], command: str) -> tuple[list[str], list[str]]:
-    """Frequency responses of one axis by several ways."""
+    """Frequency responses of one axis by several ways.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    name : str
+        Of the picture.
+    ways : sequence of LoopReading
+        One response for each way of measuring.
+    command : str
+        Command line, for the caption.
+
+    Returns
+    -------
+    tuple of list of str
+        Paths in the run folder, and remarks.
+    """
 
     def draw() -> dict[str, Figure]:
         from beltcomm.report import style
@@ -206,5 +344,15 @@ def _written(folder: RunFolder, draw: Callable[[], dict[str, Figure]]) -> tuple[
 
 
 def lines(folder: RunFolder, made: Sequence[str], remarks: Sequence[str]) -> list[str]:
-    """Sentences of a command on its pictures."""
+    """Sentences of a command on its pictures.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    made : sequence of str
+        Paths in the run folder.
+    remarks : sequence of str
+        On pictures that could not be made.
+    """
     return [*([f"Pictures in {folder.path}: {', '.join(made)}"] if made else []), *(f"Note: {remark}" for remark in remarks)]

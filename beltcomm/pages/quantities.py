@@ -73,6 +73,8 @@ def quantities_of(model: Model | None, results: Mapping[str, Mapping[str, Any]],
 
     Parameters
     ----------
+    model : Model or None
+        Of the axis; None while none is known.
     results : Mapping[str, Mapping[str, Any]]
         Of the run folder.
     terms : Terms

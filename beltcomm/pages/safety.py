@@ -22,7 +22,7 @@ _WORK = re.compile(r"^( *[0-9.]+ s  )?(\w+: (\d+ samples|order \d|another sequen
 def section(run: Gathered) -> Section:
     """The plan, what was measured of every experiment beside it, heat, and what was agreed, guarded, stopped and restored."""
     title = "Plan and safety log"
-    plan, lines = run.results.get(PLAN), [line for line in journal_of(run) if not _WORK.match(line)]
+    plan, lines = run.results.get(PLAN), [line for line in _journal_of(run) if not _WORK.match(line)]
     if not plan and not lines:
         return Section("safety", title, missing="No machine was moved for this run.")
     parts: list[Paragraphs | PageTable] = []
@@ -95,14 +95,14 @@ def _driven(run: Gathered, recording: Recording) -> tuple[str, ...]:
     )
 
 
-def journal_of(run: Gathered) -> list[str]:
+def _journal_of(run: Gathered) -> list[str]:
     """Lines of the journal; none where no machine was moved."""
     return lines_of(run.folder.path)
 
 
 def journal(run: Gathered) -> Section:
     """The session's journal: what was planned, measured, written, stopped."""
-    lines = journal_of(run)
+    lines = _journal_of(run)
     if not lines:
         return Section("journal", "Journal", missing="No machine was moved for this run.")
     return Section("journal", "Journal, whole", [Paragraphs(lines, typed=True)])

@@ -105,7 +105,7 @@ def belonging(t_s: Array, torque: Array, position: Array) -> Belonging | None:
     return Belonging(explained, chances[min(round(BEYOND * len(chances)), len(chances) - 1)])
 
 
-def unexplained_by(t_s: Array, torque: Array, position: Array) -> tuple[float, float] | None:
+def _unexplained_by(t_s: Array, torque: Array, position: Array) -> tuple[float, float] | None:
     """Shares of the acceleration that past torques, and torques to come, leave unexplained.
 
     A finite impulse response by least squares, where nothing feeds the motion back.  A load that swings goes on after its torque, so the
@@ -154,7 +154,7 @@ def moves_before_torque(t_s: Array, torque: Array, position: Array) -> bool:
     bool
         False for a record that is too short to tell.
     """
-    left = unexplained_by(t_s, torque, position)
+    left = _unexplained_by(t_s, torque, position)
     return left is not None and left[1] < 1.0 - _EXPLAINED and left[0] > _BEFORE * left[1]
 
 

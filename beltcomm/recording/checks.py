@@ -130,6 +130,8 @@ def clipped_share(torque: Array, setpoint: Array | None, amplitude: float | None
 
     Parameters
     ----------
+    torque : ndarray (n,)
+        Of any unit.
     setpoint : ndarray or None
         What was asked; then only samples count where more was asked for.
     amplitude : float or None
@@ -258,7 +260,7 @@ def livelier(t_s: Array, torque: Array, position: Array) -> tuple[Array, Array, 
 
 
 def slow_work_share(t_s: Array, torque: Array, position: Array) -> float:
-    """:func:`work_share` of what moves slowly; 0 for a record that is too short to tell.
+    """:func:`_work_share` of what moves slowly; 0 for a record that is too short to tell.
 
     Parameters
     ----------
@@ -276,10 +278,10 @@ def slow_work_share(t_s: Array, torque: Array, position: Array) -> float:
     if width == 0 or len(even) < 8 * width:
         return 0.0
     slow = [running_mean(running_mean(np.interp(even, t_s, signal), width), width) for signal in (torque, position)]
-    return work_share(*slow)
+    return _work_share(*slow)
 
 
-def work_share(torque: Array, position: Array) -> float:
+def _work_share(torque: Array, position: Array) -> float:
     """Work of the torque on the motion, over all that it does back and forth, -1 to 1, but for a constant torque's.
 
     Friction takes it up, so it is positive in whatever drives; a spring's or a mass's is given back.
@@ -336,6 +338,12 @@ def rigid_inertia(t_s: Array, torque: Array, position: Array, *, weight: bool = 
 
     Parameters
     ----------
+    t_s : ndarray (n,), s
+        Time stamps, rising.
+    torque : ndarray (n,)
+        N m, N or A, by the side of the record.
+    position : ndarray (n,)
+        rad or m, by that side.
     weight : bool
         The load turns with the motor and may not be balanced: sine and cosine of the angle count as well.
     """

@@ -23,7 +23,17 @@ def apart(pairs: Sequence[ResponsePair]) -> list[ResponsePair]:
 
 
 def bode_figure(pairs: Sequence[ResponsePair], landmarks: Mapping[str, float], caption: style.Caption) -> Figure:
-    """Magnitude, phase, model over measurement and coherence, of up to four records that differ."""
+    """Magnitude, phase, model over measurement and coherence, of up to four records that differ.
+
+    Parameters
+    ----------
+    pairs : sequence of ResponsePair
+        Measured and modelled responses of the records.
+    landmarks : mapping of str to float, Hz
+        Lines by name.
+    caption : Caption
+        Command and data.
+    """
     shown = apart(pairs)
     with style.styled():
         made = style.figure("Frequency response: model over measurement", 9.6, caption)

@@ -19,7 +19,7 @@ COLOURS = (MODEL, RESIDUAL, MEASURED, HELD_OUT, SEVERE, FAINT)
 AROUND, ABOVE = 2.0, 1.6
 
 
-def standstill_figure(found: Standstill, friction: FrictionFit, caption: Caption) -> Figure:
+def _standstill_figure(found: Standstill, friction: FrictionFit, caption: Caption) -> Figure:
     """The friction curve with the straight line that the damping of the response would mean."""
     with styled():
         shown = figure(f"Friction of the sweep, and the damping that {found.record} shows around standstill", 4.6, caption)
@@ -51,7 +51,7 @@ def standstill_figure(found: Standstill, friction: FrictionFit, caption: Caption
     return shown
 
 
-def orders_figure(sweeps: Sequence[Sweep], caption: Caption) -> Figure:
+def _orders_figure(sweeps: Sequence[Sweep], caption: Caption) -> Figure:
     """All passes of all sweeps and their laws; below, what each law leaves of its passes.
 
     One colour for each order, or for each repetition of the only one.
@@ -81,7 +81,7 @@ def orders_figure(sweeps: Sequence[Sweep], caption: Caption) -> Figure:
     return shown
 
 
-def clock_figure(sweeps: Sequence[Sweep], drift: Drift | None, caption: Caption) -> Figure:
+def _clock_figure(sweeps: Sequence[Sweep], drift: Drift | None, caption: Caption) -> Figure:
     """Coulomb and viscous friction of each sweep of one measurement over the session's clock, and the drift."""
     with styled():
         shown = figure("Friction over the session's clock", 4.8, caption)
@@ -111,7 +111,17 @@ def clock_figure(sweeps: Sequence[Sweep], drift: Drift | None, caption: Caption)
 
 
 def load_figure(found: LoadDependence, by: str, caption: Caption) -> Figure:
-    """Coulomb and viscous friction against load with intervals and the straight line."""
+    """Coulomb and viscous friction against load with intervals and the straight line.
+
+    Parameters
+    ----------
+    found : LoadDependence
+        N m and N m s/rad at the motor shaft, kg.
+    by : str
+        Name of the load's axis.
+    caption : Caption
+        Command and data.
+    """
     with styled():
         shown = figure("Friction against load", 3.9, caption)
         both = shown.subplots(1, 2)
@@ -148,17 +158,31 @@ def _title(sweep: Sweep) -> str:
 def figures(
     friction: FrictionFit, sweeps: Sequence[Sweep], drifts: Mapping[int, Drift | str], found: Standstill | None, caption: Caption
 ) -> dict[str, Figure]:
-    """The pictures for which there is something to show."""
+    """The pictures of a friction study, by name, for which there is something to show.
+
+    Parameters
+    ----------
+    friction : FrictionFit
+        Fit of all sweeps.
+    sweeps : sequence of Sweep
+        With and without a fit of their own.
+    drifts : mapping of int to Drift or str
+        By measurement; a sentence where there is none.
+    found : Standstill or None
+        Damping around standstill; None where none was measured.
+    caption : Caption
+        Command and data.
+    """
     made: dict[str, Figure] = {}
     fitted = [s for s in sweeps if s.fit is not None]
     if found is not None:
-        made["friction_standstill"] = standstill_figure(found, friction, caption)
+        made["friction_standstill"] = _standstill_figure(found, friction, caption)
     if fitted:
-        made["friction_orders"] = orders_figure(fitted, caption)
+        made["friction_orders"] = _orders_figure(fitted, caption)
     for number, drift in drifts.items():
         of = [s for s in fitted if s.note.measurement == number]
         if len(of) > 1:
-            made[f"friction_clock_{number}"] = clock_figure(of, None if isinstance(drift, str) else drift, caption)
+            made[f"friction_clock_{number}"] = _clock_figure(of, None if isinstance(drift, str) else drift, caption)
     return made
 
 
@@ -169,6 +193,8 @@ def compared_figure(runs: Sequence[tuple[str, FrictionFit]], caption: Caption) -
     ----------
     runs : Sequence[tuple[str, FrictionFit]]
         Name, friction.
+    caption : Caption
+        Command and data.
     """
     with styled():
         shown = figure("Friction over speed, run by run", 4.4, caption)

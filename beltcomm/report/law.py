@@ -16,6 +16,12 @@ def law_figure(name: str, curve: LawCurve, units: Units, caption: style.Caption)
     ----------
     name : str
         Of the effect, in words.
+    curve : LawCurve
+        Law, and what is missing without it.
+    units : Units
+        Of the axis.
+    caption : Caption
+        Command and data.
     """
     unit = {"position": units.length, "speed": f"{units.length}/s", "time": "s", "angle": "rad", "torque": units.force}[curve.along]
     with style.styled():

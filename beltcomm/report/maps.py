@@ -39,8 +39,18 @@ def maps_figure(
 
     Parameters
     ----------
+    judged : sequence of Judged
+        Segments with their whitened residuals.
+    overall : float
+        Error over the noise of the fitted records.
+    held_out : float or None
+        That of the records held out; None without any.
+    landmarks : mapping of str to float, Hz
+        Lines by name.
     sentences : sequence of str
         Below the title.
+    caption : Caption
+        Command and data.
     """
     judged = [j for j in judged if len(j.white)]
     samples = gather_samples(judged)

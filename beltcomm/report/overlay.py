@@ -16,7 +16,7 @@ EXCITED_S, SLOW_S, RMS_S = 0.3, 2.0, 0.1
 EDGE = 100.0
 
 
-def running_rms(trace: Trace) -> tuple[Array, Array]:
+def _running_rms(trace: Trace) -> tuple[Array, Array]:
     """Middle and rms of the residual in windows that hold enough samples."""
     known = np.isfinite(trace.white)
     number = np.floor(np.where(known, trace.t_s, 0.0) / RMS_S).astype(int)
@@ -27,13 +27,21 @@ def running_rms(trace: Trace) -> tuple[Array, Array]:
 
 
 def overlay_figure(trace: Trace, caption: style.Caption) -> Figure:
-    """Residual of the whole record above; model over measurement where it is worst; residual there."""
+    """Residual of the whole record above; model over measurement where it is worst; residual there.
+
+    Parameters
+    ----------
+    trace : Trace
+        Of one record.
+    caption : Caption
+        Command and data.
+    """
     kind = "held out" if trace.held_out else "fitted"
     with style.styled():
         title = f"Model over measurement in {trace.record} ({kind}): error {trace.ratio:.2f} times the noise"
         made = style.figure(title, 8.2, caption)
         whole, zoom, rest = made.subplots(3, 1, height_ratios=[1.0, 1.6, 1.0])
-        middle, level = running_rms(trace)
+        middle, level = _running_rms(trace)
         length = EXCITED_S if trace.excited else SLOW_S
         low = _worst_begin(middle, level, length, float(np.nanmax(trace.t_s)))
         _whole_record(whole, middle, level, low, length)

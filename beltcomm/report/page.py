@@ -173,7 +173,20 @@ class Page:
 def picture_of(figure: Figure) -> Picture:
     """A figure of this package as a part of a page: title, sentences and caption become text of the page.
 
-    Raises ValueError for a figure that was not made by :func:`beltcomm.report.style.figure`.
+    Parameters
+    ----------
+    figure : Figure
+        Loses its title and caption.
+
+    Returns
+    -------
+    Picture
+        SVG, sentences, and the curves for the browser.
+
+    Raises
+    ------
+    ValueError
+        For a figure that was not made by :func:`beltcomm.report.style.figure`.
     """
     title, _, rest = figure.get_suptitle().partition("\n")
     caption = figure.get_supxlabel()
@@ -258,7 +271,18 @@ def _thin(axes: Axes, line: Line2D) -> None:
 
 
 def render(page: Page) -> str:
-    """The page as one file of HTML."""
+    """The page as one file of HTML.
+
+    Parameters
+    ----------
+    page : Page
+        Its parts, in their order.
+
+    Returns
+    -------
+    str
+        With style and script inside.
+    """
     from jinja2 import Environment, StrictUndefined
 
     source = _shipped("beltcomm.report", "page.html.j2")

@@ -46,7 +46,19 @@ class ProvenResponse:
 
 
 def proof_figure(design: DesignResult, shown: Sequence[ProvenResponse], sentences: Sequence[str], caption: style.Caption) -> Figure:
-    """Nyquist plots over Bode plots, velocity loop on the left, position loop on the right."""
+    """Nyquist plots over Bode plots, velocity loop on the left, position loop on the right.
+
+    Parameters
+    ----------
+    design : DesignResult
+        Result with its plants.
+    shown : sequence of ProvenResponse
+        Loops closed on measured responses.
+    sentences : sequence of str
+        Above the figure.
+    caption : Caption
+        Command and data.
+    """
     nyquist = 0.999 * math.pi / design.structure.period_s
     omega = np.geomspace(1.0, nyquist, POINTS)
     curves = [design.open_loops(i, omega) for i in range(len(design.plants))]
@@ -197,7 +209,15 @@ def _marker(k: int) -> str:
 
 
 def sensitivity_figure(design: DesignResult, caption: style.Caption) -> Figure:
-    """|S| = 1/|1 + L| in dB, the band of all variants and the worst of them, with the bound of the specification."""
+    """|S| = 1/|1 + L| in dB, the band of all variants and the worst of them, with the bound of the specification.
+
+    Parameters
+    ----------
+    design : DesignResult
+        Result with its plants and specification.
+    caption : Caption
+        Command and data.
+    """
     omega = np.geomspace(LOWEST_RAD_S, 0.999 * math.pi / design.structure.period_s, SENSITIVITY_POINTS)
     pairs = [design.open_loops(i, omega) for i in range(len(design.plants))]
     hz = omega / (2.0 * math.pi)

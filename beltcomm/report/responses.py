@@ -46,6 +46,10 @@ def responses_figure(
     ----------
     shown : Sequence[tuple[str, FrequencyResponse, Landmarks or None]]
         Label, response, landmarks.
+    sentences : sequence of str
+        Below the title.
+    caption : Caption
+        Command and data.
     models : Sequence[SmoothResponse or None]
         For each the model's curve with its band, drawn over the measured magnitude; none where there is none.
     """
@@ -126,7 +130,15 @@ class ResponseLine:
 
 
 def ways_figure(shown: Sequence[ResponseLine], caption: style.Caption) -> Figure:
-    """Magnitude and phase as far as they stand above the noise, and the noise over the magnitude."""
+    """Frequency responses of one axis by several ways: magnitude and phase above the noise, and the noise over the magnitude.
+
+    Parameters
+    ----------
+    shown : sequence of ResponseLine, rad/(N m)
+        One line for each way.
+    caption : Caption
+        Command and data.
+    """
     with style.styled():
         made = style.figure("The same axis by several ways", 8.2, caption)
         upper, middle, lower = made.subplots(3, 1, sharex=True, height_ratios=[1.7, 1.0, 0.9])
@@ -174,7 +186,15 @@ class Levels:
 
 
 def levels_figure(shown: Sequence[Levels], caption: style.Caption) -> Figure:
-    """A column for each record; one scale in dB."""
+    """Linear answer, distortion and noise of records, a column for each, on one scale in dB.
+
+    Parameters
+    ----------
+    shown : sequence of Levels, rad/(N m)
+        One for each record.
+    caption : Caption
+        Command and data.
+    """
     with style.styled():
         made = style.figure("Linear answer, distortion and noise", 4.2, caption)
         row = made.subplots(1, len(shown), sharey=True, squeeze=False)[0]

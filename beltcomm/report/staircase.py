@@ -53,7 +53,15 @@ class RecordChange:
 
 
 def staircase_figure(rungs: Sequence[Stair], caption: style.Caption) -> Figure:
-    """Error over noise of every revision, fitted and held out, with the floor."""
+    """Error over noise of every revision, fitted and held out, with the floor.
+
+    Parameters
+    ----------
+    rungs : sequence of Stair
+        Revisions, in their order.
+    caption : Caption
+        Command and data.
+    """
     values = [r.ratio for r in rungs] + [r.held_out for r in rungs if r.held_out is not None]
     top = style.highest_shown(values)
     with style.styled():
@@ -84,7 +92,19 @@ def staircase_figure(rungs: Sequence[Stair], caption: style.Caption) -> Figure:
 
 
 def change_figure(change: str, records: Sequence[RecordChange], before: float, after: float, caption: style.Caption) -> Figure:
-    """Error of every record before and after a change, as an arrow from one to the other."""
+    """Error of every record before and after a change, as an arrow from one to the other.
+
+    Parameters
+    ----------
+    change : str
+        In words, for the title.
+    records : sequence of RecordChange
+        Error over the noise of each, before and after.
+    before, after : float
+        Error over the noise of all fitted records.
+    caption : Caption
+        Command and data.
+    """
     ordered = sorted(records, key=lambda r: (r.held_out, r.record))
     top = style.highest_shown([v for r in records for v in (r.before, r.after)])
     with style.styled():

@@ -53,7 +53,15 @@ class Against:
 
 
 def distribution_figure(shown: Sequence[Distributed], caption: style.Caption) -> Figure:
-    """For each result the share of members that lie at or below a value."""
+    """For each result the share of members that lie at or below a value.
+
+    Parameters
+    ----------
+    shown : sequence of Distributed
+        Results of all members, with their units in words.
+    caption : Caption
+        Command and data.
+    """
     columns = min(len(shown), 3)
     rows = math.ceil(len(shown) / columns)
     with style.styled():
@@ -74,7 +82,15 @@ def distribution_figure(shown: Sequence[Distributed], caption: style.Caption) ->
 
 
 def drivers_figure(shown: Sequence[Against], caption: style.Caption) -> Figure:
-    """A dot for each member; those that miss a target stand out."""
+    """Results of a study against the parameters they go with, a dot for each member; those that miss a target stand out.
+
+    Parameters
+    ----------
+    shown : sequence of Against
+        One for each panel.
+    caption : Caption
+        Command and data.
+    """
     columns = min(len(shown), 3)
     rows = math.ceil(len(shown) / columns)
     with style.styled():

@@ -80,7 +80,24 @@ def styled() -> Any:
 
 
 def figure(title: str, height: float, caption: Caption, sentences: Sequence[str] = ()) -> Figure:
-    """An empty figure with its title and sentences on top, command and data below."""
+    """An empty figure with its title and sentences on top, command and data below.
+
+    Parameters
+    ----------
+    title : str
+        Bold where there are no sentences.
+    height : float, inches
+        Without the sentences.
+    caption : Caption
+        Command and data.
+    sentences : sequence of str
+        Below the title.
+
+    Returns
+    -------
+    Figure
+        Of :data:`WIDTH`.
+    """
     below = [line for sentence in sentences for line in wrap(sentence, LINE, initial_indent="• ", subsequent_indent="   ")]
     made = Figure(figsize=(WIDTH, height + 0.2 * len(below)), layout="constrained")
     title = title if len(title) <= BOLD_LINE else fill(title, BOLD_LINE)
@@ -141,10 +158,28 @@ def highest_shown(values: Sequence[float]) -> float:
 
 
 def save(picture: Figure, path: Path) -> Path:
-    """Write a figure as PNG, whole or not at all; the same figure gives the same bytes."""
+    """Write a figure as PNG, whole or not at all; the same figure gives the same bytes.
+
+    Parameters
+    ----------
+    picture : Figure
+        Made by :func:`figure`.
+    path : Path
+        Of the file; its folder is made.
+
+    Returns
+    -------
+    Path
+        The one given.
+
+    Raises
+    ------
+    OSError
+        When it cannot be written.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic.replacing(path) as file:
-        laid_out(in_own_words(picture)).savefig(file, format="png", dpi=DPI, metadata={"Software": "beltcomm"})
+        _laid_out(in_own_words(picture)).savefig(file, format="png", dpi=DPI, metadata={"Software": "beltcomm"})
     return path
 
 
@@ -163,7 +198,7 @@ def in_own_words(picture: Figure) -> Figure:
     return picture
 
 
-def laid_out(picture: Figure) -> Figure:
+def _laid_out(picture: Figure) -> Figure:
     """The figure with its parts in their places; matplotlib would draw it one time more to find them."""
     if (engine := picture.get_layout_engine()) is not None:
         picture.set_dpi(DPI)

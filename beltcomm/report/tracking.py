@@ -40,7 +40,15 @@ class TrackedMove:
 
 
 def tracking_figure(moves: Sequence[TrackedMove], caption: style.Caption) -> Figure:
-    """A column for each move; errors on one scale."""
+    """Reference and tracking error of moves, a column for each; errors on one scale.
+
+    Parameters
+    ----------
+    moves : sequence of TrackedMove
+        m of the carriage; errors at the motor.
+    caption : Caption
+        Command and data.
+    """
     largest = max(1e3 * float(np.max(np.abs(m.error_m))) for m in moves)
     largest = max([largest, *(1e3 * float(np.max(np.abs(m.predicted[1]))) for m in moves if m.predicted is not None)])
     end = next((end for end in ENDS_MM if largest < 0.95 * end), 1.1 * largest)

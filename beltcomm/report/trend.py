@@ -49,7 +49,15 @@ class Followed:
 
 
 def trend_figure(followed: Sequence[Followed], caption: style.Caption) -> Figure:
-    """Two columns of courses; the axis of every quantity holds its limits, so that what is small looks small."""
+    """Quantities of an axis over the dates of its runs; each axis holds its limits, so that what is small looks small.
+
+    Parameters
+    ----------
+    followed : sequence of Followed
+        One for each panel.
+    caption : Caption
+        Command and data.
+    """
     rows = math.ceil(len(followed) / 2)
     with style.styled():
         made = style.figure("What the runs say of the axis, over their dates", 0.6 + 2.5 * rows, caption)
@@ -103,7 +111,17 @@ class Bar:
 
 
 def changes_figure(bars: Sequence[Bar], before: str, now: str, caption: style.Caption) -> Figure:
-    """A row for each quantity: change with its interval over the band that is usual; what lies beyond the axis is written at its edge."""
+    """Change of each quantity with its interval over the band that is usual; what lies beyond the axis is written at its edge.
+
+    Parameters
+    ----------
+    bars : sequence of Bar, %
+        One for each quantity.
+    before, now : str
+        Names of the runs.
+    caption : Caption
+        Command and data.
+    """
     largest = max(abs(bar.change) + (bar.interval or 0.0) for bar in bars)
     end = next((e for e in ENDS if largest < 0.95 * e), ENDS[-1])
     with style.styled():

@@ -83,7 +83,24 @@ class CandidateEffect:
 def candidates_of(
     fitted: Fitted, cells: Cells, axis: Axis, progress: Callable[[float], None] = lambda _share: None
 ) -> Iterator[CandidateEffect]:
-    """Every effect that the model can take, with what it would explain, as it is worked out; without those that show nothing."""
+    """Every effect that the model can take, with what it would explain, as it is worked out; without those that show nothing.
+
+    Parameters
+    ----------
+    fitted : Fitted
+        The model whose residual is explained.
+    cells : Cells
+        In which the residual is shown.
+    axis : Axis
+        For what the effects are tried with.
+    progress : callable
+        Hears the share that is done, 0 to 1.
+
+    Yields
+    ------
+    CandidateEffect
+        In the order in which they are worked out.
+    """
     scorer = Scorer(fitted)
     ground = ground_of(fitted, fitted.problem.pieces, axis)
     wanted = [e for e in EFFECTS if e.trials is not None and not e.bound and may_add(fitted, e)]

@@ -69,8 +69,14 @@ def law_between(fitted: Fitted, judged: Sequence[Judged], without: Model, grown:
 
     Parameters
     ----------
+    fitted : Fitted
+        Model, fitted to the records.
     judged : sequence of Judged
         By the fitted model, these first.
+    without : Model
+        The model without the law.
+    grown : Model
+        The model with it.
     """
     own = [one for one in judged[: len(fitted.problem.pieces)] if len(one.white)]
     cells = cells_of(own)

@@ -54,7 +54,20 @@ class ResponsePair:
 
 
 def response_pairs(recordings: Sequence[Recording], judged: Sequence[Judged]) -> list[ResponsePair]:
-    """The periodically excited records that have no gap, fitted ones first."""
+    """The periodically excited records that have no gap, fitted ones first.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Of the fit.
+    judged : sequence of Judged
+        Segments of these records, with their residuals.
+
+    Returns
+    -------
+    list of ResponsePair
+        Measured and by the model, rad/(N m) at the motor shaft.
+    """
     found = []
     for recording in recordings:
         note = recording.sidecar.excitation
@@ -108,7 +121,18 @@ def _noise(torque: Array, position: Array, sample_s: float, note: ExcitationNote
 
 
 def below(response: ComplexArray) -> Array:
-    """Phase in degrees, every one between -360 and 0: single lines that friction turns by half a turn must not shift all that follow."""
+    """Phase in degrees, every one between -360 and 0: single lines that friction turns by half a turn must not shift all that follow.
+
+    Parameters
+    ----------
+    response : ndarray of complex (k,)
+        Of any unit.
+
+    Returns
+    -------
+    ndarray (k,), deg
+        Each line by itself.
+    """
     return np.asarray(np.degrees(np.angle(-response)) - 180.0, dtype=np.float64)
 
 
@@ -144,7 +168,22 @@ class Trace:
 
 
 def trace_of(judged: Sequence[Judged], record: str, excited: bool) -> Trace:
-    """The stretches of a record behind each other."""
+    """Torque of a record, measured and by the model, its segments behind each other with a gap of nan between.
+
+    Parameters
+    ----------
+    judged : sequence of Judged
+        Of all records.
+    record : str
+        Name.
+    excited : bool
+        True if it is an excitation.
+
+    Returns
+    -------
+    Trace
+        Time from the record's first segment, s, torque, N m at the motor shaft, and whitened residual.
+    """
     columns: list[list[Array]] = [[], [], [], []]
     held_out = False
     begin = min(j.piece.motion.time_s for j in judged if j.piece.record == record)
@@ -163,7 +202,18 @@ def trace_of(judged: Sequence[Judged], record: str, excited: bool) -> Trace:
 
 
 def compared(trace: Trace) -> tuple[Array, Array]:
-    """Torque measured and by the model where it counts; means of ``MEAN_S`` for a record that is not excited."""
+    """Torque measured and by the model where it counts; means of ``MEAN_S`` for a record that is not excited.
+
+    Parameters
+    ----------
+    trace : Trace
+        Of one record.
+
+    Returns
+    -------
+    tuple of ndarray (n,), N m
+        Motor shaft; nan where nothing is compared.
+    """
     known = np.isfinite(trace.white)
     if trace.excited:  # of its samples every second or fourth counts
         return trace.measured, np.where(_between(known), trace.model, np.nan)
@@ -189,7 +239,20 @@ def _between(known: BoolArray) -> BoolArray:
 
 
 def running_mean(values: Array, width: int) -> Array:
-    """Running mean over the samples that are there: of grouped ones every second or fourth is."""
+    """Running mean over the samples that are there: of grouped ones every second or fourth is.
+
+    Parameters
+    ----------
+    values : ndarray (n,)
+        nan where there is none.
+    width : int
+        Samples.
+
+    Returns
+    -------
+    ndarray (n,)
+        nan where less than half of the most is there.
+    """
     known = np.isfinite(values)
     total = np.convolve(np.where(known, values, 0.0), np.ones(width), mode="same")
     count = np.convolve(known, np.ones(width), mode="same")

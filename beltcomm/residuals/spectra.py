@@ -36,7 +36,18 @@ class GridRow:
 
 
 def rows_of(judged: Sequence[Judged]) -> tuple[GridRow, ...]:
-    """One for each stretch, in their order."""
+    """Grid in time of each segment: which places of it are counted, and its step.
+
+    Parameters
+    ----------
+    judged : sequence of Judged
+        Segments with their residuals.
+
+    Returns
+    -------
+    tuple of GridRow
+        One for each segment, in their order.
+    """
     rows = []
     for item in judged:
         piece = item.piece
@@ -47,7 +58,18 @@ def rows_of(judged: Sequence[Judged]) -> tuple[GridRow, ...]:
 
 
 def edges_of(rows: Sequence[GridRow]) -> Array:
-    """Edges of the bands, Hz: up to half the rate of the fastest stretch."""
+    """Edges of the bands, Hz: up to half the rate of the fastest segment.
+
+    Parameters
+    ----------
+    rows : sequence of GridRow
+        One for each segment.
+
+    Returns
+    -------
+    ndarray (``BANDS`` + 1,), Hz
+        Equally wide.
+    """
     return np.asarray(np.linspace(0.0, 0.5 / min(row.step_s for row in rows), BANDS + 1))
 
 
@@ -56,8 +78,12 @@ def power(rows: Sequence[GridRow], values: Array, edges: Array, chosen: BoolArra
 
     Parameters
     ----------
+    rows : sequence of GridRow
+        One for each segment.
     values : ndarray
         Whitened, of all rows behind each other or of the first.
+    edges : ndarray (k + 1,), Hz
+        Of the bands.
     chosen : ndarray of bool or None
         Samples that count.
     """
@@ -79,7 +105,22 @@ def power(rows: Sequence[GridRow], values: Array, edges: Array, chosen: BoolArra
 
 
 def filtered(rows: Sequence[GridRow], values: Array, low_hz: float, high_hz: float) -> Array:
-    """The part of the values that lies in a band, sample by sample."""
+    """The part of the values that lies in a band, sample by sample.
+
+    Parameters
+    ----------
+    rows : sequence of GridRow
+        One for each segment.
+    values : ndarray (n,)
+        Of all rows behind each other.
+    low_hz, high_hz : float, Hz
+        The band.
+
+    Returns
+    -------
+    ndarray (n,)
+        In their unit.
+    """
     parts = []
     for row, own, _ in _each(rows, values, None):
         length = next_fast_len(row.length, real=True)

@@ -335,6 +335,8 @@ def log_spaced_lines(freq_hz: Array, n_lines: int, lowest_hz: float, highest_hz:
     ----------
     freq_hz : ndarray (k,), Hz
         Rising.
+    n_lines : int
+        At least 1.
     lowest_hz, highest_hz : float, Hz
         Only lines within.
 

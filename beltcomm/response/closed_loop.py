@@ -26,8 +26,12 @@ def speed_controller(cascade: Cascade, freq_hz: Array, period_s: float) -> Compl
 
     Parameters
     ----------
+    cascade : Cascade
+        The controller.
     freq_hz : ndarray, Hz
         Above 0.
+    period_s : float, s
+        T of the controller.
 
     References
     ----------
@@ -96,6 +100,8 @@ def from_torque_excitation(seen: FrequencyResponse, controller: ComplexArray) ->
 
     Parameters
     ----------
+    seen : FrequencyResponse, rad/(N m)
+        S, from excitation torque to motor angle.
     controller : ComplexArray
         C at the lines of ``seen``, N m/rad.
 

@@ -152,7 +152,7 @@ class OpenedRun(Described):
         UsageError
             The folder exists or cannot be written, or a session is at work in the run.
         """
-        return OpenedRun(copy_run(self._folder, place(path)), self._talk)
+        return OpenedRun(_copy_run(self._folder, place(path)), self._talk)
 
     def compare(self, *, pictures: bool = False) -> Result:
         """Compare model and measurement; see :func:`beltcomm.api.compare`.
@@ -381,7 +381,7 @@ def options_of(given: dict[str, Any]) -> Options:
     return Options(**given)
 
 
-def copy_run(folder: RunFolder, to: Path) -> Path:
+def _copy_run(folder: RunFolder, to: Path) -> Path:
     """Copy a run, whole or not at all.
 
     Parameters

@@ -56,7 +56,20 @@ class Characteristic:
 
 
 def responses(recordings: Sequence[Recording], *, setpoint: bool = False) -> dict[str, FrequencyResponse]:
-    """Frequency response of every periodic excited record, by name; from the torque setpoint when asked for."""
+    """Frequency response of every periodic excited record, by name; from the torque setpoint when asked for.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Those of one period are left out.
+    setpoint : bool
+        True for the torque setpoint in place of the torque.
+
+    Returns
+    -------
+    dict of str to FrequencyResponse, rad/(N m)
+        Motor shaft.
+    """
     found = {}
     for recording in recordings:
         note = recording.sidecar.excitation
@@ -82,7 +95,18 @@ class Nonlinearity:
 
 
 def nonlinearities(recordings: Sequence[Recording]) -> dict[str, Nonlinearity]:
-    """By name, of every open-loop record of a multisine with at least two whole periods; a loop answers on the silent lines itself."""
+    """Distortion and noise of every open-loop record of a multisine with at least two whole periods, by its name.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Those in closed loop are left out: a loop answers on the silent lines itself.
+
+    Returns
+    -------
+    dict of str to Nonlinearity
+        rms of odd and even distortion and of noise, over that of the linear answer.
+    """
     found = {}
     for recording in recordings:
         note = recording.sidecar.excitation
@@ -109,7 +133,17 @@ def nonlinearities(recordings: Sequence[Recording]) -> dict[str, Nonlinearity]:
 
 
 def thesis_fit(response: FrequencyResponse, model: Model, solver: Solver = "lm") -> MagnitudeFit:
-    """The thesis's log-magnitude fit of (2.42), inertia and transmission from the data sheets; biased by friction."""
+    """The thesis's log-magnitude fit of (2.42), inertia and transmission from the data sheets; biased by friction.
+
+    Parameters
+    ----------
+    response : FrequencyResponse, rad/(N m), motor shaft
+        Torque to motor angle.
+    model : Model
+        For inertia and transmission.
+    solver : Solver
+        Of the least squares.
+    """
     return fit_magnitude(response, model["transmission.ratio"], model["motor.inertia"], solver=solver)
 
 
@@ -135,6 +169,8 @@ def friction_of(recordings: Sequence[Recording], slowest_rad_s: float = 0.0, ine
 
     Parameters
     ----------
+    recordings : sequence of Recording
+        Of a run.
     slowest_rad_s : float
         Slower passes are shown and not fitted.
     inertia_kg_m2 : float
@@ -162,7 +198,20 @@ def friction_of(recordings: Sequence[Recording], slowest_rad_s: float = 0.0, ine
 
 
 def characteristics(fit: ModelFit, position_m: float) -> dict[str, Characteristic]:
-    """Resonance, antiresonance and total Coulomb friction with intervals from the fit's covariance (linear propagation)."""
+    """Resonance, antiresonance and total Coulomb friction with intervals from the fit's covariance (linear propagation).
+
+    Parameters
+    ----------
+    fit : ModelFit
+        With its covariance.
+    position_m : float, m
+        Carriage on the axis.
+
+    Returns
+    -------
+    dict of str to Characteristic
+        By name, with 95 % half width and unit; a rigid model has no resonances.
+    """
 
     def numbers(model: Model) -> np.ndarray:
         two = None if model.rigid else two_mass(model, operating_point(model, position_m, 1.0))
@@ -195,6 +244,14 @@ def design_plants(
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
+    positions_m : sequence of float, m
+        Carriage on the axis.
+    masses_kg : sequence of float, kg
+        Carriage with payload.
+    dead_time_s : float, s
+        Of the torque path.
     apparent_damping_nm_s_rad : float
         What a frequency response around standstill shows, at the motor; the axis in motion has less.
     """
@@ -237,8 +294,24 @@ def design(
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
+    structure : CascadeStructure
+        Of the drive's loops.
+    positions_m : sequence of float, m
+        Carriage on the axis.
+    masses_kg : sequence of float, kg
+        Carriage with payload.
+    dead_time_s : float, s
+        Of the torque path.
+    apparent_damping_nm_s_rad : float, N m s/rad, motor shaft
+        As of :func:`design_plants`.
     prefilter : PrefilterKind or None
         The only kind to try; None: all that the drive has.
+    feedforward : FeedforwardKind
+        Kind that is asked for.
+    specification : Specification or None
+        Margins and targets; None for the usual ones.
 
     Raises
     ------
@@ -272,6 +345,19 @@ def first_loop(
 ) -> DesignResult:
     """The cautious loop for a first model at one place, with the largest uncertainty and the best margins that the drive allows.
 
+    Parameters
+    ----------
+    model : Model
+        Of the axis.
+    structure : CascadeStructure
+        Of the drive's loops.
+    position_m : float, m
+        Carriage on the axis.
+    dead_time_s : float, s
+        Of the torque path.
+    apparent_damping_nm_s_rad : float, N m s/rad, motor shaft
+        As of :func:`design_plants`.
+
     Raises
     ------
     Refused
@@ -292,7 +378,22 @@ def first_loop(
 
 
 def require_offered(structure: CascadeStructure, prefilter: PrefilterKind | None, feedforward: SentFeedforward | None = None) -> None:
-    """Raise Refused for a prefilter or a feedforward that was asked for and that the drive does not have."""
+    """Refuse a prefilter or a feedforward that was asked for and that the drive does not have.
+
+    Parameters
+    ----------
+    structure : CascadeStructure
+        Of the drive's loops.
+    prefilter : PrefilterKind or None
+        None for any.
+    feedforward : SentFeedforward or None
+        None for any.
+
+    Raises
+    ------
+    Refused
+        With what there is.
+    """
     if prefilter is not None and prefilter not in structure.prefilters:
         raise Refused(f"{structure.name} has no {prefilter} prefilter; choose {' or '.join(structure.prefilters)}")
     if feedforward not in (None, "none") and not (structure.torque_feedforward or structure.velocity_feedforward):
@@ -307,7 +408,23 @@ def with_feedforward(
     kind: FeedforwardKind = "nonlinear",
     apparent_nm_s_rad: float | None = None,
 ) -> Cascade:
-    """The cascade with the feedforward (4.16) of a model; the reference passes the velocity filter where the drive can."""
+    """The cascade with the feedforward (4.16) of a model; the reference passes the velocity filter where the drive can.
+
+    Parameters
+    ----------
+    cascade : Cascade
+        Whose feedforward is replaced.
+    model : Model
+        For inertia, friction and holding torque.
+    structure : CascadeStructure
+        Of the drive's loops.
+    dead_time_s : float, s
+        Of the torque path, beside the model's own.
+    kind : FeedforwardKind
+        Of feedforward.
+    apparent_nm_s_rad : float or None, N m s/rad, motor shaft
+        Viscous friction in place of the model's; None or 0 for none.
+    """
     feedforward = feedforward_from(
         structure,
         kind,
@@ -322,20 +439,38 @@ def with_feedforward(
 
 
 def holding_nm(model: Model) -> float:
-    """Torque that holds the axis at standstill beside friction:  i_t m_c g sin(α) + constant torque, N m at the motor shaft."""
+    """Torque that holds the axis at standstill beside friction:  i_t m_c g sin(α) + constant torque, N m at the motor shaft.
+
+    Parameters
+    ----------
+    model : Model
+        With a carriage.
+    """
     gravity = model["transmission.ratio"] * model["cart.mass"] * GRAVITY_M_S2 * math.sin(model.get("tilt.angle"))
     return model.get("constant_offset.torque") + gravity
 
 
 def moved_inertia(model: Model) -> float:
-    """m_e of (4.15) with every body that the motor moves, kg m² at the motor shaft."""
+    """m_e of (4.15) with every body that the motor moves, kg m² at the motor shaft.
+
+    Parameters
+    ----------
+    model : Model
+        With any number of bodies.
+    """
     ratio = model["transmission.ratio"]
     behind = sum(model[name] * (1.0 if body.rotary else ratio**2) for name, body in model.bodies()[1:])
     return model.driven_inertia() + behind
 
 
 def apparent_damping(fits: Mapping[str, MagnitudeFit]) -> float:
-    """Largest rigid damping that the thesis's fits show, i_t² (d_m + d_c), N m s/rad at the motor; 0 without a fit."""
+    """Largest rigid damping that the thesis's fits show, i_t² (d_m + d_c), N m s/rad at the motor; 0 without a fit.
+
+    Parameters
+    ----------
+    fits : mapping of str to MagnitudeFit
+        By record.
+    """
     values = [0.0]
     for fit in fits.values():
         two = fit.two_mass
@@ -345,6 +480,13 @@ def apparent_damping(fits: Mapping[str, MagnitudeFit]) -> float:
 
 def resonance_shape(model: Model, position_m: float) -> Shape:
     """:func:`beltcomm.identify.landmarks.shape_of`.
+
+    Parameters
+    ----------
+    model : Model
+        Of the axis.
+    position_m : float, m
+        Carriage on the axis.
 
     Raises
     ------
@@ -363,6 +505,13 @@ def resonance_shape(model: Model, position_m: float) -> Shape:
 
 def characteristic_hz(model: Model, position_m: float) -> tuple[float, float]:
     """Antiresonance and resonance of the belt with the carriage at a place, Hz; of a rigid axis the whole band from ``RIGID_LOWEST_HZ`` on.
+
+    Parameters
+    ----------
+    model : Model
+        Of the axis.
+    position_m : float, m
+        Carriage on the axis.
 
     Raises
     ------

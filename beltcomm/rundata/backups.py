@@ -58,7 +58,7 @@ class Backup:
     edited: bool = False
 
 
-def backup_of(drive: Drive, before: str) -> dict[str, Any]:
+def _backup_of(drive: Drive, before: str) -> dict[str, Any]:
     """Contents of a backup."""
     return {
         "drive": dict(drive.capabilities.identity),
@@ -69,13 +69,30 @@ def backup_of(drive: Drive, before: str) -> dict[str, Any]:
 
 
 def keep_first(folder: RunFolder, drive: Drive) -> None:
-    """The backup from before the run, unless there is one: a resumed run keeps what was there before the first session."""
+    """Keep the backup from before the run, unless there is one: a resumed run keeps what was there before the first session.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    drive : Drive
+        Connected.
+    """
     if folder.load_result(FIRST) is None:
-        folder.save("results", FIRST, backup_of(drive, "the run"))
+        folder.save("results", FIRST, _backup_of(drive, "the run"))
 
 
 def take(folder: RunFolder, drive: Drive, before: str) -> Path:
     """One more backup, or the first; returns its path.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    drive : Drive
+        Connected.
+    before : str
+        Command that it is taken for.
 
     Raises
     ------
@@ -84,14 +101,22 @@ def take(folder: RunFolder, drive: Drive, before: str) -> Path:
     """
     taken = set(folder.names("results"))
     name = FIRST if FIRST not in taken else next_free(f"{FIRST}_", taken)
-    return folder.save("results", name, backup_of(drive, before))
+    return folder.save("results", name, _backup_of(drive, before))
 
 
 def renew(folder: RunFolder, drive: Drive) -> None:
-    """The SI values of the first backup, now that the meaning of raw ones is known; for a drive in which the same raw values stand."""
+    """Renew the SI values of the first backup, now that the meaning of raw ones is known; for a drive in which the same raw values stand.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    drive : Drive
+        Connected.
+    """
     saved = folder.load_result(FIRST)
     if saved is not None and saved.get("objects") == [item.to_dict() | _si(saved, item) for item in drive.objects() if item.place != MODE]:
-        folder.save("results", FIRST, backup_of(drive, str(saved.get("before") or "the run")))
+        folder.save("results", FIRST, _backup_of(drive, str(saved.get("before") or "the run")))
 
 
 def _si(saved: Mapping[str, Any], item: ObjectValue) -> dict[str, Any]:
@@ -101,13 +126,31 @@ def _si(saved: Mapping[str, Any], item: ObjectValue) -> dict[str, Any]:
 
 
 def list_backups(folder: RunFolder) -> list[Backup]:
-    """Every backup of a run, the oldest first; unreadable ones raise DataError."""
+    """Every backup of a run, the oldest first.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+
+    Raises
+    ------
+    DataError
+        For an unreadable one.
+    """
     names = [name for name in folder.names("results") if name == FIRST or name.removeprefix(f"{FIRST}_").isdigit()]
     return [read(folder.file("results", name)) for name in names]
 
 
 def choose_backup(folder: RunFolder, which: str | None) -> Backup:
     """A backup by name or path; None is the one from before the run.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    which : str or None
+        Name or path.
 
     Raises
     ------
@@ -132,6 +175,11 @@ def choose_backup(folder: RunFolder, which: str | None) -> Backup:
 def read(path: Path) -> Backup:
     """A backup from its file.
 
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+
     Raises
     ------
     DataError
@@ -149,7 +197,20 @@ def read(path: Path) -> Backup:
 
 
 def same_drive(backup: Backup, drive: Drive) -> None:
-    """Raise UsageError for the backup of another drive."""
+    """Refuse the backup of another drive.
+
+    Parameters
+    ----------
+    backup : Backup
+        Of any run.
+    drive : Drive
+        Connected; what either of the two does not tell is not compared.
+
+    Raises
+    ------
+    UsageError
+        With what differs.
+    """
     here = drive.capabilities.identity
     apart = [
         f"{key} {backup.drive.get(key)} -> {here.get(key)}"
@@ -165,6 +226,13 @@ def values_to_restore(backup: Backup, drive: Drive) -> list[ObjectValue]:
 
     The mode of operation, which older backups hold, does not go back: whoever uses the drive next chooses it.
     An old run's backup has no raw values, and none of the parameters that are younger than it: these are as a plain cascade has them.
+
+    Parameters
+    ----------
+    backup : Backup
+        Of this drive.
+    drive : Drive
+        Connected.
 
     Raises
     ------
@@ -182,6 +250,12 @@ def values_to_restore(backup: Backup, drive: Drive) -> list[ObjectValue]:
 
 
 def list_lines(backups: Sequence[Backup]) -> list[str]:
-    """All backups of a run as a table."""
+    """All backups of a run as a table.
+
+    Parameters
+    ----------
+    backups : sequence of Backup
+        Of the run.
+    """
     rows = [[one.name, one.when, one.before, f"{len(one.objects) or len(one.parameters)}"] for one in backups]
     return [*table(["name", "date (UTC)", "taken before", ">objects"], rows, "  ")] if backups else ["  none"]

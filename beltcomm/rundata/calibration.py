@@ -103,6 +103,13 @@ def calibration_from_dict(data: Mapping[str, Any], where: Path) -> Calibration:
 def recall(drive: Drive, folder: RunFolder) -> None:
     """Tell a drive what its gains mean, where the run knows it and the drive's profile does not.
 
+    Parameters
+    ----------
+    drive : Drive
+        Connected.
+    folder : RunFolder
+        The run folder.
+
     Raises
     ------
     DataError
@@ -118,7 +125,18 @@ def recall(drive: Drive, folder: RunFolder) -> None:
 
 
 def unsure(folder: RunFolder) -> float:
-    """Largest relative half interval of the units that a run has measured; 0 where it has measured none.   Raises DataError."""
+    """Largest relative half interval of the units that a run has measured; 0 where it has measured none.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+
+    Raises
+    ------
+    DataError
+        For a damaged result.
+    """
     data = folder.load_result(RESULT)
     if data is None:
         return 0.0
@@ -134,6 +152,11 @@ def store_of(kind: str) -> Path:
 def calibration_of(kind: str) -> Calibration | None:
     """Calibration of a kind of drive by earlier runs; None without one.
 
+    Parameters
+    ----------
+    kind : str
+        Of the drive.
+
     Raises
     ------
     DataError
@@ -144,7 +167,18 @@ def calibration_of(kind: str) -> Calibration | None:
 
 
 def keep_for_kind(found: Calibration) -> str:
-    """Keep the constants for the next drive of this kind; returns what became of it, in words."""
+    """Keep the constants for the next drive of this kind; returns what became of it, in words.
+
+    Parameters
+    ----------
+    found : Calibration
+        Constants of this drive.
+
+    Returns
+    -------
+    str
+        In words, what became of it.
+    """
     path = store_of(found.kind)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -159,6 +193,8 @@ def check(found: Calibration, documented: bool, before: Calibration | None) -> l
 
     Parameters
     ----------
+    found : Calibration
+        Constants of this drive.
     documented : bool
         The profile's meanings are no guesses.
     before : Calibration or None

@@ -57,6 +57,8 @@ def condition_of(recording: Recording, ratio_m_rad: float) -> Condition:
 
     Parameters
     ----------
+    recording : Recording
+        The record.
     ratio_m_rad : float
         i_t.
     """
@@ -67,17 +69,17 @@ def condition_of(recording: Recording, ratio_m_rad: float) -> Condition:
     if note is not None and note.base_speed_m_s:  # strokes there and back, which come to nothing in the mean
         middle = None if start is None else start + 0.5 * float(path.min() + path.max())
         return Condition(
-            recording.name, middle, amplitude_of(recording, first), note.base_speed_m_s, recording.sidecar.held_out, to_and_fro=True
+            recording.name, middle, _amplitude_of(recording, first), note.base_speed_m_s, recording.sidecar.held_out, to_and_fro=True
         )
     speed = float(path[-1] - path[first]) / float(recording.t_s[-1] - recording.t_s[first])
     swing = float(np.std(np.diff(path[first:]) / np.diff(recording.t_s[first:])))
     speed = speed if abs(speed) >= max(MOVING_M_S, swing) else 0.0
     middle = 0.5 * float(path[first] + path[-1]) if speed else 0.0
     place = None if start is None else start + middle
-    return Condition(recording.name, place, amplitude_of(recording, first), speed, recording.sidecar.held_out)
+    return Condition(recording.name, place, _amplitude_of(recording, first), speed, recording.sidecar.held_out)
 
 
-def amplitude_of(recording: Recording, first: int) -> float:
+def _amplitude_of(recording: Recording, first: int) -> float:
     """Largest torque of the excitation, N m: as noted, else what the record shows from a sample on."""
     note = recording.sidecar.excitation
     if note is not None and note.amplitude_nm is not None:

@@ -76,7 +76,7 @@ class Cost:
         return all(abs(a - b) < max(MATTERS_M, MATTERS_SHARE * a) for a, b in values)
 
 
-def cost_of(folder: RunFolder, before: Model, after: Model) -> Cost:
+def _cost_of(folder: RunFolder, before: Model, after: Model) -> Cost:
     """Cost of what ``after`` has and ``before`` has not.
 
     Raises
@@ -118,15 +118,15 @@ def _missing_words(axis: Axis, designed: DesignResult, machine: Model, findings:
     )
 
 
-def cost_or_reason(folder: RunFolder, before: Model, after: Model) -> tuple[Cost | None, str]:
+def _cost_or_reason(folder: RunFolder, before: Model, after: Model) -> tuple[Cost | None, str]:
     """The cost, or in words why it cannot be said."""
     try:
-        return cost_of(folder, before, after), ""
+        return _cost_of(folder, before, after), ""
     except BeltcommError as problem:
         return None, str(problem)
 
 
-def cost_lines(cost: Cost | None, reason: str, name: str) -> list[str]:
+def _cost_lines(cost: Cost | None, reason: str, name: str) -> list[str]:
     """Lines on the cost for a command."""
     if cost is None:
         return [f"What {name} costs in tracking cannot be said: {reason}"]
@@ -147,6 +147,15 @@ def cost_lines(cost: Cost | None, reason: str, name: str) -> list[str]:
 
 def offline_move(axis: Axis, model: Model, period_s: float) -> Trajectory:
     """The move of the targets, or what of it travel and limits allow.
+
+    Parameters
+    ----------
+    axis : Axis
+        As its file states it.
+    model : Model
+        Of the axis.
+    period_s : float, s
+        Of the samples.
 
     Raises
     ------
@@ -171,7 +180,18 @@ def offline_move(axis: Axis, model: Model, period_s: float) -> Trajectory:
 
 
 def cost_rows(cost: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    """A cost as a revision keeps it: what, error without the effect, its range, error with it, its range, mm; no range: ""."""
+    """A cost as a revision keeps it: what, error without the effect, its range, error with it, its range, mm; no range: "".
+
+    Parameters
+    ----------
+    cost : mapping of str to Any, m
+        As :func:`cost_and_words` made it.
+
+    Returns
+    -------
+    list of tuple of str
+        Following and settled error at motor and carriage.
+    """
     rows: list[tuple[str, ...]] = []
     for place, end in (("motor", ""), ("carriage", "_cart")):
         for kind in ("dynamic_m", "static_m"):
@@ -210,9 +230,26 @@ def _errors(
 
 
 def cost_and_words(folder: RunFolder, before: Model, after: Model, name: str) -> tuple[dict[str, Any] | None, list[str]]:
-    """Cost of an effect, for programs and for people."""
-    price, reason = cost_or_reason(folder, before, after)
-    return (None if price is None else dict(plain(price))), cost_lines(price, reason, name)
+    """Cost of not knowing an effect, for programs and for people.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    before : Model
+        Model without the effect.
+    after : Model
+        Model with it.
+    name : str
+        Of the effect.
+
+    Returns
+    -------
+    tuple of dict of str to Any or None and list of str
+        None, and the reason as a line, where it is not computed.
+    """
+    price, reason = _cost_or_reason(folder, before, after)
+    return (None if price is None else dict(plain(price))), _cost_lines(price, reason, name)
 
 
 def with_costs(folder: RunFolder, found: Diagnosis, made: list[Revision], whole: dict[str, Any] | None) -> list[Revision]:
@@ -220,6 +257,12 @@ def with_costs(folder: RunFolder, found: Diagnosis, made: list[Revision], whole:
 
     Parameters
     ----------
+    folder : RunFolder
+        The run folder.
+    found : Diagnosis
+        The diagnosis.
+    made : list of Revision
+        Revisions of the climb.
     whole : dict of str to Any or None
         Of all that was named.
     """

@@ -31,6 +31,17 @@ def measure_delay_and_damping(findings: Findings, recordings: Sequence[Recording
     Both take the torque that acts by the path in the findings, not a reading that follows it late.
 
     In quiet ones at rest friction poses as so much damping that a loop robust from none up to it would be slow for nothing.
+
+    Parameters
+    ----------
+    findings : Findings
+        Filled; with the torque path.
+    recordings : sequence of Recording
+        Excited; held-out ones do not count.
+    model : Model
+        For the places of the resonances.
+    solver : Solver
+        Of the log-magnitude fit.
     """
     recordings = acting_recordings([r for r in recordings if not r.sidecar.held_out], findings.path)
     loudest = max((float(np.std(r.torque)) for r in recordings if not r.sidecar.moving), default=0.0)
@@ -63,12 +74,31 @@ def _behind_slew_rate(measured: DeadTime, findings: Findings, sample_s: float) -
 
 
 def delay(findings: Findings) -> float:
-    """Identified delay from torque setpoint to acting torque, s; before it is known, the assumed one."""
+    """Identified delay from torque setpoint to acting torque, s; before it is known, the assumed one.
+
+    Parameters
+    ----------
+    findings : Findings
+        With or without a measured delay.
+
+    Returns
+    -------
+    float, s
+        Not below 0.
+    """
     return max(findings.dead_time.value_s, 0.0) if findings.dead_time else findings.assumed_delay_s
 
 
 def assume_delay(findings: Findings, structure: CascadeStructure) -> None:
-    """Count, where no delay was measured, with ``ASSUMED_DELAY_PERIODS`` of the drive's loop, and say so."""
+    """Count, where no delay was measured, with ``ASSUMED_DELAY_PERIODS`` of the drive's loop, and say so.
+
+    Parameters
+    ----------
+    findings : Findings
+        Changed where no delay was measured.
+    structure : CascadeStructure
+        Of the drive's loops, for their period.
+    """
     if findings.dead_time is not None or findings.assumed_delay_s:
         return
     findings.assumed_delay_s = ASSUMED_DELAY_PERIODS * structure.period_s

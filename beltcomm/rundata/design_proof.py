@@ -199,8 +199,16 @@ def grounds_of(folder: RunFolder, model: Model, revision: str, findings: Finding
 
     Parameters
     ----------
+    folder : RunFolder
+        The run folder.
+    model : Model
+        Of the axis.
     revision : str
         Of the model, "" where it is the last fit's own.
+    findings : Findings
+        With delay, damping and torque path.
+    payloads_kg : sequence of float, kg
+        Further ones.
     """
     travel, fit = folder.axis.travel, folder.load_result("fit") if not revision else None
     try:
@@ -231,12 +239,31 @@ def _same_fit(fit: Mapping[str, Any], model: Model) -> bool:
 
 
 def prove(grounds: Grounds, design: DesignResult, cascade: Cascade, recordings: Sequence[Recording], *, seed: int = 0) -> DesignProof:
-    """The cascade of a design on every measured response, every draw, and every load that a record wants for itself."""
+    """The cascade of a design on every measured response, every draw, and every load that a record wants for itself.
+
+    Parameters
+    ----------
+    grounds : Grounds
+        Model, delay and spread that the design rests on.
+    design : DesignResult
+        Result with its specification.
+    cascade : Cascade
+        That was designed.
+    recordings : sequence of Recording
+        Of the run; excited ones are taken.
+    seed : int
+        Of the draws.
+
+    Returns
+    -------
+    DesignProof
+        Margins in deg and dB, with doubts in words.
+    """
     excited = [r for r in recordings if r.sidecar.experiment == "frf"]
-    measured, left_out = on_responses(excited, cascade, design.structure.period_s, grounds.delay_s)
+    measured, left_out = _on_responses(excited, cascade, design.structure.period_s, grounds.delay_s)
     conditions = tuple(condition_of(r, grounds.model["transmission.ratio"]) for r in excited if r.name in {m.record for m in measured})
     spread, source = on_draws(grounds, cascade, design.structure.period_s, seed)
-    contradictions, notes = contradicting(grounds, design, cascade, excited)
+    contradictions, notes = _contradicting(grounds, design, cascade, excited)
     return DesignProof(
         measured,
         conditions,
@@ -251,7 +278,7 @@ def prove(grounds: Grounds, design: DesignResult, cascade: Cascade, recordings: 
     )
 
 
-def on_responses(
+def _on_responses(
     recordings: Sequence[Recording], cascade: Cascade, period_s: float, delay_s: float
 ) -> tuple[tuple[MeasuredMargins, ...], tuple[str, ...]]:
     """Margins on every response: from the torque setpoint where it was recorded, the delay then in it; and what could not be used."""
@@ -273,7 +300,20 @@ def on_responses(
 
 
 def plant_responses(recordings: Sequence[Recording], delay_s: float) -> list[tuple[str, FrequencyResponse, float]]:
-    """Name, response and the delay that is not in it, s: from the torque setpoint where it was recorded, else from the acting torque."""
+    """Name, response and the delay that is not in it, s: from the torque setpoint where it was recorded, else from the acting torque.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Excited.
+    delay_s : float, s
+        From torque setpoint to acting torque.
+
+    Returns
+    -------
+    list of tuple of str, FrequencyResponse and float
+        rad/(N m) at the motor shaft, by record.
+    """
     by_torque, by_setpoint = analyse.responses(recordings), analyse.responses(recordings, setpoint=True)
     return [(name, by_setpoint.get(name, response), 0.0 if name in by_setpoint else delay_s) for name, response in by_torque.items()]
 
@@ -318,7 +358,7 @@ def _plants(grounds: Grounds, model: Model, delay_s: float) -> list[DesignPlant]
     return analyse.design_plants(model, grounds.positions_m, masses, delay_s, grounds.apparent_nm_s_rad)
 
 
-def contradicting(
+def _contradicting(
     grounds: Grounds, design: DesignResult, cascade: Cascade, recordings: Sequence[Recording]
 ) -> tuple[tuple[Contradiction, ...], tuple[str, ...]]:
     """Records whose torque the model does not explain, friction in it, and the design's margins on the load that each wants for itself."""

@@ -49,6 +49,11 @@ class Opened:
 def records_of(folder: RunFolder) -> Checked:
     """The records of a run, checked together.
 
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+
     Raises
     ------
     DataError
@@ -63,7 +68,20 @@ def with_remarks_on_rest(folder: RunFolder, records: Checked) -> Checked:
 
 
 def open_fitted(run: Path, talk: Talk) -> Opened:
-    """The current model of a run, or the base model where there is none yet, fitted to all records."""
+    """The current model of a run, or the base model where there is none yet, fitted to all records.
+
+    Parameters
+    ----------
+    run : Path
+        Of the run folder.
+    talk : Talk
+        Hears how long it takes.
+
+    Raises
+    ------
+    DataError
+        For records that cannot be fitted.
+    """
     folder = RunFolder.open(run)
     foretell(folder, talk)
     records = records_of(folder)
@@ -76,14 +94,30 @@ def with_remarks_on_loads(folder: RunFolder, records: Checked, fitted: Fitted) -
     """The records with what different loads weigh among the remarks, or which of them shows one that nobody mentioned.
 
     In a session at a drive nothing is mounted between two records.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    records : Checked
+        Checked, with their remarks.
+    fitted : Fitted
+        To these records.
     """
     if not any(piece.motion.mounted for piece in fitted.problem.pieces):
-        return records if folder.drive else replace(records, remarks=(*records.remarks, *clearest(fitted)))
+        return records if folder.drive else replace(records, remarks=(*records.remarks, *_clearest(fitted)))
     return replace(records, remarks=(*records.remarks, *load_remarks(records.recordings, with_intervals(fitted))))
 
 
 def explainable(ratio: float, run: Path) -> None:
     """Refuse a model that is too far off for its error to mean anything.
+
+    Parameters
+    ----------
+    ratio : float
+        Error over the noise.
+    run : Path
+        Of the run folder, for the sentence.
 
     Raises
     ------
@@ -99,7 +133,15 @@ def explainable(ratio: float, run: Path) -> None:
 
 
 def foretell(folder: RunFolder, talk: Talk) -> None:
-    """Say it where it is long."""
+    """Say how long reading and fitting take, where that is long.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    talk : Talk
+        Hears progress and answers questions.
+    """
     size = sum(path.stat().st_size for path in folder.recordings_folder.glob("*.csv"))
     if size > LONG_BYTES:
         rows = min(size / ROW_BYTES, EXTRACT_ROWS)
@@ -174,7 +216,7 @@ def _unit(fitted: Fitted, name: str) -> str:
     return fitted.model.parameters[name].unit.replace("2", "²")
 
 
-def clearest(fitted: Fitted) -> list[str]:
+def _clearest(fitted: Fitted) -> list[str]:
     """Remark on the record that asks most clearly for a load of its own; at most one, for it shifts what the others show.
 
     Parameters

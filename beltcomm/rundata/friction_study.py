@@ -43,6 +43,12 @@ def study_of(recordings: Sequence[Recording], axis: Axis, model: Model | None, f
 
     Parameters
     ----------
+    recordings : sequence of Recording
+        Of a run.
+    axis : Axis
+        As its file states it.
+    model : Model or None
+        Of the axis; None while none is known.
     fits : dict of str to MagnitudeFit
         Log-magnitude fits of its responses.
 
@@ -65,6 +71,12 @@ def study_of(recordings: Sequence[Recording], axis: Axis, model: Model | None, f
 
 
 def data_of(study: FrictionStudy) -> dict[str, Any]:
-    """For programs and for ``results/friction_sweeps.yaml``; the passes stand in the recordings."""
+    """A friction study for programs and for ``results/friction_sweeps.yaml``; the passes stand in the recordings.
+
+    Parameters
+    ----------
+    study : FrictionStudy
+        Of the run.
+    """
     sweeps = [{**plain(replace(s, plateaus=())), "name": s.name} for s in study.sweeps]
     return {"sweeps": sweeps, "drift": plain(dict(study.drifts)), "standstill": plain(study.standstill)}

@@ -93,7 +93,7 @@ class Headline:
             "sentence": self.sentence,
             "move": self.move,
             "errors": self.errors,
-            "targets": targets_dict(self.targets),
+            "targets": _targets_dict(self.targets),
         }
 
 
@@ -114,7 +114,7 @@ class NextCommand:
     writes_gains: bool = False
 
 
-def targets_dict(targets: AxisTargets) -> dict[str, Any]:
+def _targets_dict(targets: AxisTargets) -> dict[str, Any]:
     """Targets in force, and whether anybody stated them."""
     return {
         "following_error_m": targets.following_m,
@@ -128,7 +128,20 @@ def targets_dict(targets: AxisTargets) -> dict[str, Any]:
 
 
 def hashes_of(gains: Mapping[str, float] | Cascade, model: Model | None) -> dict[str, str]:
-    """Short hashes of gains and model, to three digits: what a later computation of the same leaves as it is."""
+    """Short hashes of gains and model, to three digits: what a later computation of the same leaves as it is.
+
+    Parameters
+    ----------
+    gains : mapping of str to float or Cascade, SI
+        Of the controller.
+    model : Model or None
+        None counts as one without effects.
+
+    Returns
+    -------
+    dict of str to str
+        By "gains" and "model".
+    """
     values = cascade_to_parameters(gains) if isinstance(gains, Cascade) else gains
     told = {} if model is None else {name: item.value for name, item in model.parameters.items()}
     effects = [] if model is None else list(model.effects)
@@ -136,7 +149,18 @@ def hashes_of(gains: Mapping[str, float] | Cascade, model: Model | None) -> dict
 
 
 def headline_of(folder: RunFolder) -> Headline:
-    """By the last move that was driven with today's gains on today's model; without one, the last of all is out of date."""
+    """First sentence on a run, by the last move that was driven with today's gains on today's model.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+
+    Returns
+    -------
+    Headline
+        Out of date where there is no such move.
+    """
     name = (folder.axis.name if folder.has_axis else "") or "the axis"
     asked = folder.axis.targets if folder.has_axis else NO_TARGETS
     moves = {n: folder.load("results", n) for n in folder.names("results") if n.startswith("verify_")}
@@ -150,7 +174,7 @@ def headline_of(folder: RunFolder) -> Headline:
     changed = {n: _changed(moves[n], design.get("parameters"), model) for n in moves}
     today = [n for n in moves if not changed[n]]
     last = today[-1] if today else list(moves)[-1]
-    told, targets = moves[last], targets_of(moves[last], asked)
+    told, targets = moves[last], _targets_of(moves[last], asked)
     errors = {place: _error(told, place) for place in ("motor", "carriage")}
     if not today:
         what = tr(" and ").join(tr(one) for one in changed[last])
@@ -169,7 +193,7 @@ def headline_of(folder: RunFolder) -> Headline:
     return Headline("pass", tr("{name} is within {within}", name=name, within=_within(errors)), last, errors, targets)
 
 
-def targets_of(result: Mapping[str, Any], asked: AxisTargets) -> AxisTargets:
+def _targets_of(result: Mapping[str, Any], asked: AxisTargets) -> AxisTargets:
     """Targets that a move was judged by.
 
     Parameters
@@ -188,6 +212,10 @@ def next_command(folder: RunFolder, headline: Headline, drive: str = "", *, appl
 
     Parameters
     ----------
+    folder : RunFolder
+        The run folder.
+    headline : Headline
+        Of the run.
     drive : str
         That of the run unless told.
     applied : str
@@ -227,7 +255,18 @@ def next_command(folder: RunFolder, headline: Headline, drive: str = "", *, appl
 
 
 def behind(folder: RunFolder) -> list[str]:
-    """In sentences, what should be made anew before the run's design is driven."""
+    """Sentences on what should be made anew before the run's design is driven.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+
+    Returns
+    -------
+    list of str
+        Empty where nothing is behind.
+    """
     found, again = [], tr("`beltcomm design {run}` makes it anew", run=pasted(folder.path))
     if (names := unfitted(folder)) and current_revision(folder) is None:
         found.append(tr("The run's model was not fitted to {names}, recorded since; {again}.", names=", ".join(names), again=again))
@@ -241,12 +280,34 @@ def _outdated(design: Mapping[str, Any], model: Model | None) -> bool:
 
 
 def drive_of(folder: RunFolder) -> str:
-    """Name of a run's drive; DRIVE where it does not tell."""
+    """Name of a run's drive; DRIVE where it does not tell.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+
+    Returns
+    -------
+    str
+        As for ``--drive``.
+    """
     return drive_called(folder) or Reached("DRIVE")
 
 
 def drive_called(folder: RunFolder) -> Reached | None:
-    """Name of a run's drive with the options that it was reached by; None where it does not tell."""
+    """Name of a run's drive with the options that it was reached by; None where it does not tell.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+
+    Returns
+    -------
+    Reached or None
+        As for ``--drive``.
+    """
     drive = folder.load_result("drive") or {}
     if not drive.get("reached_as"):
         return None

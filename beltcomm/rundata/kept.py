@@ -153,6 +153,10 @@ def fit_base(folder: RunFolder, recordings: Sequence[Recording], model: Model | 
 
     Parameters
     ----------
+    folder : RunFolder
+        The run folder.
+    recordings : sequence of Recording
+        Of a run.
     model : Model or None
         One of the run's; None begins with what the axis file and the records tell.
     """
@@ -176,6 +180,12 @@ def keep_fit(folder: RunFolder, data: Data, fitted: Fitted, model: Model) -> Non
 
     Parameters
     ----------
+    folder : RunFolder
+        The run folder.
+    data : Data
+        The records.
+    fitted : Fitted
+        Model, fitted to the records.
     model : Model
         As the run folder has it.
     """
@@ -209,7 +219,20 @@ def _hashes_of_fitted(folder: RunFolder, recordings: Sequence[Recording]) -> dic
 
 
 def hashes(folder: RunFolder, names: Collection[str] | None = None) -> dict[str, str]:
-    """SHA-256 of every file of every complete recording, or of some of them."""
+    """SHA-256 of every file of every complete recording, or of some of them.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    names : collection of str or None
+        Of recordings; None for all.
+
+    Returns
+    -------
+    dict of str to str
+        By file name.
+    """
     stems = set(folder.finished_names()) if names is None else set(names)
     files = (path for path in folder.recordings_folder.iterdir() if path.stem in stems and path.suffix in (".csv", ".yaml"))
     return {path.name: sha256_of(path) for path in files}
@@ -252,10 +275,14 @@ def kept_or_new(folder: RunFolder, name: str, question: Sequence[object], make: 
 
     Parameters
     ----------
+    folder : RunFolder
+        The run folder.
     name : str
         Of the answer, and of its own file among the results.
     question : sequence of object
         Everything else that the answer depends on.
+    make : callable
+        Makes a new one.
     drawn : bool
         Pictures belong to it, and must be there.
     """

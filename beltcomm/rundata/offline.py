@@ -40,6 +40,11 @@ THESIS_STRUCTURE = CascadeStructure("thesis", 1e-3, ("none", "notch", "butterwor
 def saved_model(folder: RunFolder) -> Model:
     """The run's newest model.
 
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+
     Raises
     ------
     DataError
@@ -48,7 +53,15 @@ def saved_model(folder: RunFolder) -> Model:
 
 
 def trusted_revision(folder: RunFolder, revision: str = "") -> tuple[Model, str, str]:
-    """The model of a revision, or the newest that held-out records do not contradict; its revision and a sentence on it, "" for neither."""
+    """The model of a revision, or the newest that held-out records do not contradict; its revision and a sentence on it, "" for neither.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    revision : str
+        Name; "" for the newest.
+    """
     if revision and revision in folder.names("models"):
         return model_named(folder, revision), revision, ""
     current = saved_model(folder)
@@ -57,7 +70,15 @@ def trusted_revision(folder: RunFolder, revision: str = "") -> tuple[Model, str,
 
 
 def design_model(folder: RunFolder, saved: Mapping[str, Any]) -> Model:
-    """The model that a saved design was made for, as :func:`trusted_revision` finds it."""
+    """The model that a saved design was made for, as :func:`trusted_revision` finds it.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    saved : mapping of str to Any
+        Content of ``designs/final.yaml``.
+    """
     return trusted_revision(folder, str(saved.get("revision") or ""))[0]
 
 
@@ -69,7 +90,13 @@ ONE_PLACE = (
 
 
 def place_known(recordings: Sequence[Recording]) -> bool:
-    """True if some excited recording says where along the travel it was made."""
+    """True if some excited recording says where along the travel it was made.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Of a run.
+    """
     return any(r.sidecar.start_position_m is not None for r in recordings if r.sidecar.experiment == "frf")
 
 
@@ -79,7 +106,15 @@ COARSER, NEARLY_WHOLE, MOSTLY = 0.8, 0.05, 0.98
 
 
 def structure_of(folder: RunFolder, findings: Findings | None = None) -> CascadeStructure:
-    """The cascade of the drive that the run knows; the thesis's own, with a remark to ``findings``, when it knows none."""
+    """The cascade of the drive that the run knows; the thesis's own, with a remark to ``findings``, when it knows none.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    findings : Findings or None
+        Get the remark; None for none.
+    """
     known = folder.load_result("drive")
     if known is not None:
         return structure_from_dict(known)
@@ -92,6 +127,17 @@ def cascade_of(
     saved: Mapping[str, Any], model: Model, structure: CascadeStructure, feedforward: FeedforwardKind | None = None
 ) -> tuple[Cascade, float]:
     """The controller of a saved design and the delay it was proven with, s; with another feedforward of the model when asked for.
+
+    Parameters
+    ----------
+    saved : mapping of str to Any
+        Content of ``designs/final.yaml``.
+    model : Model
+        Of the axis.
+    structure : CascadeStructure
+        Of the drive's loops.
+    feedforward : FeedforwardKind or None
+        Kind that is asked for; None for the design's own.
 
     Raises
     ------
@@ -108,7 +154,23 @@ def cascade_of(
 
 
 def counts_of(folder: RunFolder) -> int:
-    """Encoder counts per revolution: the drive's word, else the axis file's."""
+    """Encoder counts per revolution: the drive's word, else the axis file's.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+
+    Returns
+    -------
+    int
+        Per turn of the motor.
+
+    Raises
+    ------
+    UsageError
+        Where neither tells.
+    """
     known = folder.load_result("drive")
     counts = known["counts_per_rev"] if known else folder.axis.motor.encoder_counts_per_rev
     if not counts:
@@ -130,7 +192,24 @@ def coarser(recordings: Sequence[Recording], counts: int) -> int:
 
 
 def fit_run(folder: RunFolder, solver: Solver, talk: Talk, model: Model | None = None) -> Findings:
-    """Final fit, log-magnitude fits, dead time and friction from what the run folder holds."""
+    """Final fit, log-magnitude fits, dead time and friction from what the run folder holds.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    solver : Solver
+        Of the log-magnitude fits.
+    talk : Talk
+        Hears the progress of the fit.
+    model : Model or None
+        None fits one; else it is taken as it is.
+
+    Raises
+    ------
+    DataError
+        For records that cannot be fitted.
+    """
     findings = Findings(kept_path=kept_path(folder))
     records = fit_for_belt_model(folder)
     recordings = records.recordings
@@ -160,6 +239,11 @@ def fit_run(folder: RunFolder, solver: Solver, talk: Talk, model: Model | None =
 
 def fit_for_belt_model(folder: RunFolder) -> Checked:
     """The records over time, checked as for ``compare``.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
 
     Raises
     ------
@@ -195,7 +279,20 @@ def fit_for_belt_model(folder: RunFolder) -> Checked:
 
 
 def estimator_settings(folder: RunFolder, tick_s: float) -> EstimatorSettings:
-    """At the motor shaft: an increment in rad in the place of metres; T_R of the design, else 2 ms."""
+    """Settings of the velocity estimators for the drive of a run, at the motor shaft: an increment in rad in the place of metres.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    tick_s : float, s
+        Of the timer.
+
+    Returns
+    -------
+    EstimatorSettings
+        T_R of the design, else 2 ms.
+    """
     lag_s = EstimatorSettings.lag_s
     if "final" in folder.names("designs"):
         lag_s = float((saved_design(folder).get("parameters") or {}).get("velocity_filter_s") or 0.0)

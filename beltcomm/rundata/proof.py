@@ -38,7 +38,13 @@ SUSPECT = "the model does not explain what was measured"
 
 
 def thin_margins(margins: Sequence[Margins]) -> list[str]:
-    """In words, that a design leaves its velocity loop too little phase margin; empty when it leaves enough."""
+    """Sentence on a velocity loop that has too little phase margin; empty where it has enough.
+
+    Parameters
+    ----------
+    margins : sequence of Margins
+        Of all plants.
+    """
     return _thin(min(one.phase_margin_deg for one in margins))
 
 
@@ -53,6 +59,12 @@ def proof(cascade: Cascade, trajectory: Trajectory, payloads_kg: Sequence[float]
 
     Parameters
     ----------
+    cascade : Cascade
+        The controller.
+    trajectory : Trajectory
+        The move, at the carriage.
+    payloads_kg : sequence of float, kg
+        Further ones that the design holds for.
     led_by : str
         How the host led the motor ahead of the carriage, or its reference ("led"); "" where the gains stood for themselves.
     """
@@ -65,7 +77,13 @@ def proof(cascade: Cascade, trajectory: Trajectory, payloads_kg: Sequence[float]
 
 
 def same_gains(one: Any, other: Any) -> bool:
-    """True if two mappings name → value are one controller."""
+    """True if two mappings name → value are one controller.
+
+    Parameters
+    ----------
+    one, other : Any, SI
+        Anything else is no controller.
+    """
     if not isinstance(one, Mapping) or not isinstance(other, Mapping) or one.keys() != other.keys():
         return False
     try:
@@ -87,7 +105,15 @@ def proves(recorded: Mapping[str, Any], wanted: Mapping[str, Any]) -> bool:
 
 
 def move_name(folder: RunFolder, wanted: Mapping[str, Any]) -> str:
-    """``move_N``: the recorded move that proves what is wanted, else the first name that is free."""
+    """``move_N``: the recorded move that proves what is wanted, else the first name that is free.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    wanted : mapping of str to Any
+        Gains, path, loads and way of sending that a proof needs.
+    """
     number = 1
     while folder.finished(f"move_{number}") is not None:
         if proves(folder.recording(f"move_{number}").sidecar.controller, wanted):
@@ -97,7 +123,18 @@ def move_name(folder: RunFolder, wanted: Mapping[str, Any]) -> str:
 
 
 def doubts(folder: RunFolder) -> list[str]:
-    """Doubts about the gains of ``designs/final.yaml``, in words; empty when nothing speaks against writing them."""
+    """Doubts about the gains of ``designs/final.yaml``, in words; empty when nothing speaks against writing them.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+
+    Raises
+    ------
+    DataError
+        Without a design.
+    """
     behind = [(kind, name) for kind, name in BEHIND_GAINS if name in folder.names(kind)]
     found = [f"{name}.yaml {EDITED}" for kind, name in behind if folder.edited(kind, name)]
     if suspect(folder):
@@ -121,6 +158,17 @@ def doubts(folder: RunFolder) -> list[str]:
 def admit(folder: RunFolder, talk: Talk, *, yes: bool, force: bool) -> None:
     """Warn of every doubt about the design and ask; ``yes`` alone is no answer to that.
 
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    talk : Talk
+        Hears progress and answers questions.
+    yes : bool
+        True for a consent given before.
+    force : bool
+        True if no doubt counts.
+
     Raises
     ------
     Refused
@@ -142,6 +190,8 @@ def suspect(folder: RunFolder, *, designed: bool = True) -> bool:
 
     Parameters
     ----------
+    folder : RunFolder
+        The run folder.
     designed : bool
         The model that the design is of, where there is a design; else the present one.
     """
@@ -156,7 +206,20 @@ def suspect(folder: RunFolder, *, designed: bool = True) -> bool:
 
 
 def error_of(folder: RunFolder, revision: str) -> float:
-    """Error over noise of a revision, or of the fit; infinite where nobody noted it."""
+    """Error over noise of a revision, or of the fit; infinite where nobody noted it.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    revision : str
+        Name; another one than those kept for the fit.
+
+    Returns
+    -------
+    float
+        1 at the noise.
+    """
     for rung in revisions(folder):
         if rung.name == revision:
             return rung.ratio
@@ -168,7 +231,22 @@ GENTLE = (0.5, 2.0)
 
 
 def move_of(folder: RunFolder, period_s: float, file: Path | None) -> Trajectory:
-    """The user's own move from a file, the one that verified the run, or the standard one of its axis."""
+    """The user's own move from a file, the one that verified the run, or the standard one of its axis.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    period_s : float, s
+        Of the drive.
+    file : Path or None
+        Of the user's own move; None for the other two.
+
+    Returns
+    -------
+    Trajectory
+        Of the carriage.
+    """
     axis = folder.axis
     if file is not None:
         return load_move(file, period_s, axis)
@@ -181,7 +259,15 @@ def move_of(folder: RunFolder, period_s: float, file: Path | None) -> Trajectory
 
 
 def limits_of(folder: RunFolder, period_s: float) -> TrajectoryLimits:
-    """Limits of the standard move, as slow as the one that verified the run; gentle ones where the axis states none."""
+    """Limits of the standard move, as slow as the one that verified the run; gentle ones where the axis states none.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    period_s : float, s
+        Of the drive.
+    """
     axis, proven = folder.axis, _proof(folder)
     if kept := proven.get("limits"):
         return TrajectoryLimits(**kept)
@@ -195,7 +281,13 @@ def limits_of(folder: RunFolder, period_s: float) -> TrajectoryLimits:
 
 
 def verified(folder: RunFolder) -> Mapping[str, Any]:
-    """Verdict of the move that verified the run last, as it was kept; empty without one."""
+    """Verdict of the move that verified the run last, as it was kept; empty without one.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    """
     names = [name for name in folder.names("results") if name.startswith("verify_")]
     return folder.load("results", names[-1]) if names else {}
 

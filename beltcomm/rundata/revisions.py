@@ -70,7 +70,18 @@ class Revision:
 
 
 def revisions(folder: RunFolder) -> list[Revision]:
-    """All rungs in the order they were made.   Raises DataError for a damaged file."""
+    """All revisions of a run's model in the order they were made.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+
+    Raises
+    ------
+    DataError
+        For a damaged file.
+    """
     saved = folder.load_result(LADDER) or {"revisions": []}
     unknown = {"held_out": None, "confirmed": None}
     return [Revision(**{**unknown, **rung, "effects": tuple(rung["effects"]), **_plain_of(rung)}) for rung in saved["revisions"]]
@@ -82,7 +93,18 @@ def _plain_of(rung: Mapping[str, Any]) -> dict[str, PlainError | None]:
 
 
 def current_model(folder: RunFolder) -> Model | None:
-    """The model that counts; None when nothing was fitted yet."""
+    """The model that counts; None when nothing was fitted yet.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+
+    Raises
+    ------
+    DataError
+        For a damaged file.
+    """
     if CURRENT not in folder.names("models"):
         return None
     return model_named(folder, CURRENT)
@@ -90,6 +112,13 @@ def current_model(folder: RunFolder) -> Model | None:
 
 def model_named(folder: RunFolder, name: str) -> Model:
     """A model of the run.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    name : str
+        Of its file in ``models/``.
 
     Raises
     ------
@@ -105,7 +134,13 @@ def model_named(folder: RunFolder, name: str) -> Model:
 
 
 def current_revision(folder: RunFolder) -> Revision | None:
-    """The rung that the current model stands on; None where it was made by another command since."""
+    """The rung that the current model stands on; None where it was made by another command since.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    """
     model = current_model(folder)
     rungs = revisions(folder)
     for rung in reversed(rungs):
@@ -115,7 +150,15 @@ def current_revision(folder: RunFolder) -> Revision | None:
 
 
 def not_contradicted(rung: Revision, every: Sequence[Revision]) -> Revision:
-    """The rung, or the last before it that held-out records did not contradict."""
+    """The revision, or the last before it that held-out records did not contradict.
+
+    Parameters
+    ----------
+    rung : Revision
+        From which the search goes back.
+    every : sequence of Revision
+        Revisions of the run.
+    """
     rungs = {r.name: r for r in every}
     while rung.confirmed is False and rung.parent in rungs:
         rung = rungs[rung.parent]
@@ -153,6 +196,22 @@ def new_revision(
 
     Parameters
     ----------
+    folder : RunFolder
+        The run folder.
+    model : Model
+        Of the axis.
+    change : str
+        "+EFFECT" or "-EFFECT", or in words.
+    ratio : float
+        Error over the noise.
+    held_out : float or None
+        That of the records held out; None without any.
+    confirmed : bool or None
+        True if these confirm it; None without any.
+    command : str
+        Command line, kept as provenance.
+    when : str
+        Date and time, kept as provenance.
     plain : tuple of PlainError | None
         Errors in plain units, fitted and held out.
     """
@@ -186,29 +245,80 @@ def _is_kept(folder: RunFolder, name: str, model: Model) -> bool:
 
 
 def keep_cost(folder: RunFolder, name: str, cost: Mapping[str, Any] | None) -> None:
-    """Write down with a revision what not knowing its effects costs."""
+    """Write down with a revision what not knowing its effects costs.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    name : str
+        Of the revision.
+    cost : mapping of str to Any or None, m
+        None for none.
+    """
     rungs = [replace(rung, cost=cost) if rung.name == name else rung for rung in revisions(folder)]
     folder.save("results", LADDER, {"revisions": [as_plain(r) for r in rungs]})
 
 
 def recording_hashes(folder: RunFolder) -> dict[str, str]:
-    """SHA-256 of every complete recording."""
+    """SHA-256 of every complete recording.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+
+    Returns
+    -------
+    dict of str to str
+        By name of the recording.
+    """
     return {name: sha256_of(folder.recordings_folder / f"{name}.csv") for name in folder.finished_names()}
 
 
 def changed_recordings(folder: RunFolder, rung: Revision) -> list[str]:
-    """Recordings that were added, removed or changed since a rung was made."""
+    """Recordings that were added, removed or changed since a rung was made.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    rung : Revision
+        With the hashes of its records.
+
+    Returns
+    -------
+    list of str
+        Names, sorted.
+    """
     now = recording_hashes(folder)
     return sorted(name for name in now.keys() | rung.data.keys() if now.get(name) != rung.data.get(name))
 
 
 def as_mapping(rung: Revision) -> dict[str, Any]:
-    """A rung for ``--json``."""
+    """A revision for ``--json``.
+
+    Parameters
+    ----------
+    rung : Revision
+        Of the run.
+    """
     return {**as_plain(rung), "data_hash": rung.data_hash}
 
 
 def unfitted(folder: RunFolder) -> list[str]:
-    """Records made since the current model was fitted that a fit would take in; none where nobody noted what there was."""
+    """Records made since the current model was fitted that a fit would take in; none where nobody noted what there was.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+
+    Returns
+    -------
+    list of str
+        Names.
+    """
     rung = current_revision(folder)
     noted = (folder.load_result("fit") or {}).get(RECORDS) if rung is None else [Path(name).stem for name in rung.data]
     if not isinstance(noted, list):

@@ -41,18 +41,40 @@ PLAN = "plan"
 
 
 def drive_to_dict(capabilities: Capabilities) -> dict[str, Any]:
-    """Data of a drive for the later steps: ``results/drive.yaml``."""
+    """Data of a drive for the later steps: ``results/drive.yaml``.
+
+    Parameters
+    ----------
+    capabilities : Capabilities
+        Of the drive.
+    """
     return {**plain(capabilities), "kinds": sorted(capabilities.kinds), "torque_along": sorted(capabilities.torque_along)}
 
 
 def stated_reading(folder: RunFolder) -> StatedReading | None:
-    """Statement of a run's drive profile about the torque that it reports; None where it states nothing.   Raises DataError."""
+    """Statement of a run's drive profile about the torque that it reports; None where it states nothing.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+
+    Raises
+    ------
+    DataError
+        For a damaged result.
+    """
     found = (folder.load_result("drive") or {}).get("torque_reading")
     return None if found is None else StatedReading(found.get("late_s"), found.get("filter_s"), found.get("command"))
 
 
 def structure_from_dict(data: Mapping[str, Any]) -> CascadeStructure:
     """The cascade structure from :func:`drive_to_dict`.
+
+    Parameters
+    ----------
+    data : mapping of str to Any
+        Content of ``results/drive.yaml``.
 
     Raises
     ------
@@ -80,6 +102,11 @@ def _check_structure(structure: CascadeStructure) -> None:
 def parameters_from_dict(data: Mapping[str, Any]) -> dict[str, ParameterObject]:
     """The objects of the drive's parameters from :func:`drive_to_dict`.
 
+    Parameters
+    ----------
+    data : mapping of str to Any
+        Content of ``results/drive.yaml``.
+
     Raises
     ------
     DataError
@@ -92,7 +119,13 @@ def parameters_from_dict(data: Mapping[str, Any]) -> dict[str, ParameterObject]:
 
 
 def fit_to_dict(fit: ModelFit) -> dict[str, Any]:
-    """Everything of a fit but the model's own numbers, which stand in ``models/``."""
+    """Everything of a fit but the model's own numbers, which stand in ``models/``.
+
+    Parameters
+    ----------
+    fit : ModelFit
+        At its minimum.
+    """
     return {
         "model": fit.model.name,
         "free": list(fit.free),
@@ -110,7 +143,19 @@ def fit_to_dict(fit: ModelFit) -> dict[str, Any]:
 
 
 def design_to_dict(design: DesignResult, cascade: Cascade, dead_time_s: float, apparent_damping_nm_s_rad: float) -> dict[str, Any]:
-    """A design with its proof: ``designs/final.yaml``."""
+    """A design with its proof: ``designs/final.yaml``.
+
+    Parameters
+    ----------
+    design : DesignResult
+        Result with margins and specification.
+    cascade : Cascade
+        That was designed.
+    dead_time_s : float, s
+        That was counted with.
+    apparent_damping_nm_s_rad : float, N m s/rad, motor shaft
+        Largest that was counted with.
+    """
     return {
         "parameters": cascade_to_parameters(cascade),
         "revision": "",
@@ -128,6 +173,11 @@ def design_to_dict(design: DesignResult, cascade: Cascade, dead_time_s: float, a
 def cascade_from_dict(data: Mapping[str, Any]) -> Cascade:
     """The controller of a saved design.
 
+    Parameters
+    ----------
+    data : mapping of str to Any
+        Content of ``designs/final.yaml``.
+
     Raises
     ------
     DataError
@@ -144,6 +194,11 @@ def cascade_from_dict(data: Mapping[str, Any]) -> Cascade:
 
 def saved_design(folder: RunFolder) -> dict[str, Any]:
     """``designs/final.yaml``, what is read of it checked.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
 
     Raises
     ------
@@ -169,7 +224,13 @@ def _check_design(saved: Mapping[str, Any]) -> None:
 
 
 def verdict_to_dict(verdict: Verdict) -> dict[str, Any]:
-    """``results/verify.yaml``."""
+    """A verdict as ``results/verify_*.yaml`` has it.
+
+    Parameters
+    ----------
+    verdict : Verdict
+        Of a move.
+    """
     return dict(plain(verdict))
 
 
@@ -177,13 +238,32 @@ _LED_GAINS = "led_gains"
 
 
 def led_gains_of(folder: RunFolder) -> GainFactors | None:
-    """The factors that a run knows; None where it knows none.   Raises DataError for a damaged file."""
+    """Factors between the gains of a run's drive and what they are taken for; None where it knows none.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+
+    Raises
+    ------
+    DataError
+        For a damaged file.
+    """
     data = folder.load_result(_LED_GAINS)
     return None if data is None else GainFactors(*(data[name] for name in ("kp", "kpp", "kp_interval", "kpp_interval")))
 
 
 def keep_led_gains(folder: RunFolder, found: GainFactors) -> None:
-    """Keep what a move has shown, unless an earlier one knows it better."""
+    """Keep the factors of the drive's gains that a move has shown, unless an earlier one knows them better.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    found : GainFactors
+        With their 95 % half widths.
+    """
     before = led_gains_of(folder)
     if before is None or found.kpp_interval <= before.kpp_interval:
         folder.save("results", _LED_GAINS, found.to_dict())
@@ -194,6 +274,14 @@ def keep_led_gains(folder: RunFolder, found: GainFactors) -> None:
 
 
 def as_in_drive(folder: RunFolder, cascade: Cascade) -> Cascade:
-    """A controller as the run knows that it really runs in the drive."""
+    """A controller as the run knows that it really runs in the drive.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    cascade : Cascade
+        As it was written.
+    """
     factors = led_gains_of(folder)
     return cascade if factors is None else factors.of(cascade)

@@ -121,6 +121,10 @@ def plan_for(
 
     Parameters
     ----------
+    twins : sequence of str
+        Effects that the motion does not tell apart.
+    blind : sequence of DetectionLimit
+        Effects that could not be seen.
     named : sequence of str
         Effects that were found.
     already : callable
@@ -134,7 +138,7 @@ def plan_for(
     reasons: dict[str, str] = {}
     by_hand: list[str] = []
     sets = set[str]()
-    judged = {name: new_ones(steps_of(name), already) for name in SETS}
+    judged = {name: _new_ones(_steps_of(name), already) for name in SETS}
     for effect in (effect_named(name) for name in named):
         only_by_hand = families(effect)
         if only_by_hand:
@@ -143,8 +147,8 @@ def plan_for(
     for sight in blind:
         seen = f"it would be seen from {sight.hardest:.2g} x a typical one on"
         reasons[sight.effect.name] = "these data say nothing of it" if math.isinf(sight.hardest) else seen
-        sets.update(records_showing(sight.effect))
-        if not any(judged[name][0] for name in records_showing(sight.effect)):
+        sets.update(_records_showing(sight.effect))
+        if not any(judged[name][0] for name in _records_showing(sight.effect)):
             by_hand.append(f"{sight.effect.name}: such records are here already; it shows only beyond the limits in axis.yaml")
     if not belt:
         hand = tuple(text for text in by_hand if "axis.yaml" not in text)
@@ -159,14 +163,14 @@ def plan_apart(twins: Sequence[str], already: Callable[[Step], str]) -> NextPlan
     between = discriminating_experiment(first, other)
     reasons = {name: f"these data cannot tell it from {', '.join(n for n in twins if n != name)}: {between.shows}" for name in twins}
     records = enumerate(between.records, start=1)
-    steps, left_out = new_ones([checked_step(entry, f"{first} and {other}, record {number}") for number, entry in records], already)
+    steps, left_out = _new_ones([checked_step(entry, f"{first} and {other}, record {number}") for number, entry in records], already)
     by_hand = hands_of({other: between})
     if not by_hand and not steps:
         by_hand = [separate for name in twins if (separate := effect_named(name).separate)]
     return NextPlan(reasons, tuple(dict.fromkeys(by_hand)), tuple(steps), tuple(left_out))
 
 
-def new_ones(steps: Sequence[Step], already: Callable[[Step], str]) -> tuple[list[Step], list[str]]:
+def _new_ones(steps: Sequence[Step], already: Callable[[Step], str]) -> tuple[list[Step], list[str]]:
     """The steps that a run has not, and of the others which record shows as much.   A held-out one alone would have nothing to judge."""
     found = {step: already(step) for step in steps}
     new = [step for step in steps if not found[step]]
@@ -185,28 +189,51 @@ def discriminating_experiment(first: str, other: str) -> DiscriminatingExperimen
 
 
 def families(effect: Effect) -> Mapping[str, DiscriminatingExperiment]:
-    """Causes that one effect stands for because no motion tells them apart: those of its twins that have no effect to be found as."""
+    """Causes that one effect stands for because no motion tells them apart: those of its twins that have no effect to be found as.
+
+    Parameters
+    ----------
+    effect : Effect
+        With what tells its twins apart.
+
+    Returns
+    -------
+    mapping of str to DiscriminatingExperiment
+        By cause.
+    """
     found_as = {e.name for e in EFFECTS if e.trials is not None and not e.behind_gap}
     return {name: apart for name, apart in effect.apart.items() if name not in found_as}
 
 
 def hands_of(apart: Mapping[str, DiscriminatingExperiment]) -> list[str]:
-    """Checks by hand, in sentences that begin with the cause."""
+    """Checks by hand, in sentences that begin with the cause.
+
+    Parameters
+    ----------
+    apart : mapping of str to DiscriminatingExperiment
+        By cause.
+    """
     return [f"{name}: {hand.words()}" for name, one in apart.items() for hand in one.hands]
 
 
 def by_hand_of(name: str) -> list[dict[str, Any]]:
-    """Checks by hand that tell the causes of an effect apart, where no motion does."""
+    """Checks by hand that tell the causes of an effect apart, where no motion does.
+
+    Parameters
+    ----------
+    name : str
+        Of the effect.
+    """
     causes = families(effect_named(name))
     return [{"effect": name, "cause": cause, **plain(hand)} for cause, apart in causes.items() for hand in apart.hands]
 
 
-def records_showing(effect: Effect) -> tuple[str, ...]:
+def _records_showing(effect: Effect) -> tuple[str, ...]:
     """Sets of records that show an effect."""
     return effect.record_sets or BY_SLOT.get(effect.slot, ("places", "sweep"))
 
 
-def steps_of(name: str) -> list[Step]:
+def _steps_of(name: str) -> list[Step]:
     """The records of a set."""
     if name in ("sweep", "sweep again"):
         return [Step("sweep", again=name == "sweep again")]
@@ -223,6 +250,11 @@ def steps_of(name: str) -> list[Step]:
 
 def load_plan(path: Path) -> NextPlan:
     """A plan from its file, checked.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
 
     Raises
     ------

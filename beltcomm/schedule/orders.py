@@ -83,6 +83,15 @@ class Stroke:
 def sweep_orders(order: str | None, repeat: int | None, mounted_kg: float | None) -> Wanted:
     """Sweeps that options ask for.
 
+    Parameters
+    ----------
+    order : str or None
+        "I" to "VI"; None for the usual sweep.
+    repeat : int or None
+        Times that each is driven; None for once.
+    mounted_kg : float or None, kg
+        Payload; None where nothing is stated.
+
     Raises
     ------
     UsageError
@@ -103,7 +112,15 @@ def sweep_orders(order: str | None, repeat: int | None, mounted_kg: float | None
 
 
 def speeds_of(order: str, often: int) -> tuple[float, ...]:
-    """Speeds of table A.1, m/s, as an order drives them."""
+    """Speeds of table A.1, m/s, as an order drives them.
+
+    Parameters
+    ----------
+    order : str
+        "I" to "IV".
+    often : int
+        Times that order IV repeats each speed.
+    """
     up = sorted(SHUFFLED)
     if order == "II":
         return tuple(up[::-1])
@@ -112,7 +129,7 @@ def speeds_of(order: str, often: int) -> tuple[float, ...]:
     return tuple(v for v in up for _ in range(often if order == "IV" else 1))
 
 
-def stroke_at(speed_m_s: float, room_m: float, limits: TrajectoryLimits, axis: Axis) -> Stroke | None:
+def _stroke_at(speed_m_s: float, room_m: float, limits: TrajectoryLimits, axis: Axis) -> Stroke | None:
     """The stroke at a speed; None where the way does not even hold the shortest plateau.
 
     A plateau holds whole turns of the pulley where one fits into the way and lasts no longer than ``TURN_S``, so that its runout is
@@ -146,12 +163,23 @@ def strokes_for(
 ) -> tuple[tuple[Stroke, ...], tuple[float, ...]]:
     """Strokes in the order of the speeds, and the speeds for which there is no way.
 
+    Parameters
+    ----------
+    speeds_m_s : sequence of float, m/s
+        Of the carriage.
+    room_m : float, m
+        Way there is.
+    limits : TrajectoryLimits
+        Of the carriage.
+    axis : Axis
+        As its file states it.
+
     Raises
     ------
     Refused
         Where there is none for any two.
     """
-    found = [stroke_at(v, room_m, limits, axis) for v in speeds_m_s]
+    found = [_stroke_at(v, room_m, limits, axis) for v in speeds_m_s]
     left_out = tuple(sorted({v for v, s in zip(speeds_m_s, found, strict=True) if s is None}))
     strokes = tuple(s for s in found if s is not None)
     if len({s.speed_m_s for s in strokes}) < 2:
@@ -164,7 +192,21 @@ def strokes_for(
 
 
 def path_of(strokes: Sequence[Stroke], at_m: float, far_m: float, limits: TrajectoryLimits, period_s: float) -> Trajectory:
-    """One stroke forth and one back at each speed, from where the carriage stands."""
+    """One stroke forth and one back at each speed, from where the carriage stands.
+
+    Parameters
+    ----------
+    strokes : sequence of Stroke
+        Of one record.
+    at_m : float, m
+        Where the carriage stands.
+    far_m : float, m
+        Other end of the longest stroke.
+    limits : TrajectoryLimits
+        Of the carriage.
+    period_s : float, s
+        Of the drive.
+    """
     parts = []
     for stroke in strokes:
         given = {"run_in_s": SWEEP_RUN_IN_S, "rest_s": REST_S, "longest_plateau_s": SWEEP_RUN_IN_S + stroke.plateau_s}
@@ -173,14 +215,32 @@ def path_of(strokes: Sequence[Stroke], at_m: float, far_m: float, limits: Trajec
 
 
 def seconds_of(stroke: Stroke, limits: TrajectoryLimits) -> float:
-    """Duration of a stroke forth and back, s, to a few per cent on the long side."""
+    """Duration of a stroke forth and back, s, to a few per cent on the long side.
+
+    Parameters
+    ----------
+    stroke : Stroke
+        With its plateau.
+    limits : TrajectoryLimits
+        Of the carriage.
+    """
     v, a, j = stroke.speed_m_s, limits.acceleration_m_s2, limits.jerk_m_s3
     ramp = 2.0 * math.sqrt(v / j) if a * a >= v * j else v / a + a / j
     return 2.0 * (2.0 * ramp + SWEEP_RUN_IN_S + stroke.plateau_s + REST_S) + REST_S
 
 
 def records_of(strokes: Sequence[Stroke], limits: TrajectoryLimits, longest_s: float = RECORD_S) -> list[tuple[Stroke, ...]]:
-    """The strokes of a sweep, cut into records of at most ``longest_s``."""
+    """The strokes of a sweep, cut into records of at most ``longest_s``.
+
+    Parameters
+    ----------
+    strokes : sequence of Stroke
+        In their order.
+    limits : TrajectoryLimits
+        Of the carriage.
+    longest_s : float, s
+        Of a record with more than one stroke.
+    """
     records: list[list[Stroke]] = [[]]
     seconds = 0.0
     for stroke in strokes:

@@ -73,13 +73,29 @@ NAMES = {"response": "frf", "sweep": "sweep", "strokes": "strokes", "reversals":
 
 
 def quick_speeds_m_s(acceleration_m_s2: float) -> list[float]:
-    """Speeds of the short sweep, m/s; all slower in proportion where ramps to the fastest would take too long."""
+    """Speeds of the short sweep, m/s; all slower in proportion where ramps to the fastest would take too long.
+
+    Parameters
+    ----------
+    acceleration_m_s2 : float, m/s²
+        Of the carriage.
+    """
     share = min(1.0, QUICK_RAMP_S * acceleration_m_s2 / max(QUICK_M_S))
     return [share * speed for speed in QUICK_M_S]
 
 
 def fitting_records(items: Sequence[Item], seconds_of: Callable[[Step], float], budget_s: float) -> tuple[list[Step], list[Step]]:
-    """The steps that fit into a time, in the order in which they are made, and those for which there is none."""
+    """The steps that fit into a time, in the order in which they are made, and those for which there is none.
+
+    Parameters
+    ----------
+    items : sequence of Item
+        Steps with their ranks; rank 0 is always made.
+    seconds_of : callable
+        Duration of a step, s.
+    budget_s : float, s
+        For all.
+    """
     left = budget_s - sum(seconds_of(item.step) for item in items if item.rank == 0)
     chosen = {i for i, item in enumerate(items) if item.rank == 0}
     for i, item in sorted(enumerate(items), key=lambda pair: pair[1].rank):
@@ -97,6 +113,8 @@ def named_steps(steps: Sequence[Step], taken: Collection[str] = ()) -> Iterator[
 
     Parameters
     ----------
+    steps : sequence of Step
+        In their order.
     taken : collection of str
         Names that others have.
     """

@@ -32,12 +32,29 @@ WIDER_FROM_S = 2e-3
 
 
 def excitation_travel_m(period_s: float) -> float:
-    """Largest travel of an excitation around its place where samples come every ``period_s``, m."""
+    """Largest travel of an excitation around its place where samples come every ``period_s``, m.
+
+    Parameters
+    ----------
+    period_s : float, s
+        Sampling period.
+    """
     return EXCITATION_TRAVEL_M * max(period_s / WIDER_FROM_S, 1.0)
 
 
 def shapes_at(period_s: float) -> tuple[tuple[int, int], ...]:
-    """Orders and clocks of the short excitation where samples come every ``period_s``, in the order in which they are tried."""
+    """Orders and clocks of the short excitation where samples come every ``period_s``, in the order in which they are tried.
+
+    Parameters
+    ----------
+    period_s : float, s
+        Sampling period.
+
+    Returns
+    -------
+    tuple of tuple of int
+        Order, and samples for each bit.
+    """
     wanted = tuple((order, round(bit_s / period_s)) for order, bit_s in SHAPES)
     if wanted[0][1] > 1:
         return wanted
@@ -46,23 +63,59 @@ def shapes_at(period_s: float) -> tuple[tuple[int, int], ...]:
 
 
 def short_sequence(order: int, clock: int, amplitude_nm: float, period_s: float, torque_step_nm: float = 0.0) -> Excitation:
-    """The short excitation with this amplitude, N m: a run-in, and as many periods as make ``FEWEST_ROWS``."""
+    """The short excitation with an amplitude: a run-in, and as many periods as make ``FEWEST_ROWS``.
+
+    Parameters
+    ----------
+    order : int
+        Of the shift register.
+    clock : int
+        Samples for each bit.
+    amplitude_nm : float, N m, motor shaft
+        Half of the swing.
+    period_s : float, s
+        Sampling period.
+    torque_step_nm : float, N m
+        Resolution of the drive's torque setpoint, 0 for none.
+    """
     repeats = max(1, math.ceil(FEWEST_ROWS / ((2**order - 1) * clock)) - 1)
     return prbs(order, clock, 2.0 * amplitude_nm, period_s, repeats, torque_step_nm=torque_step_nm)
 
 
 def short_seconds(period_s: float) -> float:
-    """Usual upper bound of the duration of a short excitation, s."""
+    """Usual upper bound of the duration of a short excitation, s.
+
+    Parameters
+    ----------
+    period_s : float, s
+        Sampling period.
+    """
     return max(SHORT_S, MOST_OVER_FEWEST * FEWEST_ROWS * period_s + EXCITATION_REST_S)
 
 
 def held_choice(choice: PrbsChoice) -> PrbsChoice:
-    """Another sequence than the fitted ones, one measured period of it."""
+    """Another sequence than the fitted ones, one measured period of it, for a record that is held out.
+
+    Parameters
+    ----------
+    choice : PrbsChoice
+        Of the fitted ones.
+    """
     return replace(choice, order=SHORT_ORDER, clock=choice.clock + 1, repeats=1, reason="another sequence than the fitted ones")
 
 
 def calmer_choice(choice: PrbsChoice, resonance_hz: float, period_s: float) -> PrbsChoice:
-    """A sequence with little at the resonance, so that the belt bears more torque, and a shorter one, so that it goes no further."""
+    """A sequence with little at the resonance, so that the belt bears more torque, and a shorter one, so that it goes no further.
+
+    Parameters
+    ----------
+    choice : PrbsChoice
+        That needs too much of the belt.
+    resonance_hz : float, Hz
+        Of the belt.
+    period_s : float, s
+        Sampling period.
+    """
     clock = max(choice.clock, round(CALM_ZERO / (resonance_hz * period_s)))
     order = max(6, choice.order - int(np.ceil(np.log2(clock / choice.clock))))
     repeats = int(choice.repeats * (2**choice.order * choice.clock) / (2**order * clock))

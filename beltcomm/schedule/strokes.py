@@ -28,6 +28,15 @@ def fastest_stroke_m_s(limits: TrajectoryLimits, window_m: float, plateau_s: flo
     """Fastest stroke of a sweep, m/s, that still has a plateau:  v²/a + v (a/j + plateau) = window,  at most a share of the top speed.
 
     Two ramps of v (v/a + a/j)/2 each and a plateau with its run-in fill the window.
+
+    Parameters
+    ----------
+    limits : TrajectoryLimits
+        Of the carriage.
+    window_m : float, m
+        Way there is.
+    plateau_s : float, s
+        At constant speed, behind the run-in.
     """
     acceleration = limits.acceleration_m_s2
     wait = acceleration / limits.jerk_m_s3 + SWEEP_RUN_IN_S + plateau_s
@@ -49,6 +58,12 @@ def sweep_strokes(
 
     Parameters
     ----------
+    at_m, far_m : float, m
+        Ends of the strokes, the first one's start first.
+    limits : TrajectoryLimits
+        Of the carriage.
+    period_s : float, s
+        Of the drive.
     which : Which
         Three of the seven twice, each once, or two of them again, for how well friction repeats.
     speeds_m_s : sequence of float

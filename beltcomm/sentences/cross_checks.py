@@ -50,7 +50,17 @@ class Checks:
 
 
 def cross_checked(found: Diagnosis, recordings: Sequence[Recording], axis: Axis) -> Checks:
-    """All checks of a diagnosis."""
+    """All checks of a diagnosis.
+
+    Parameters
+    ----------
+    found : Diagnosis
+        The diagnosis.
+    recordings : sequence of Recording
+        Of the diagnosis.
+    axis : Axis
+        Data sheets.
+    """
     model = found.final_fit.model
     places = np.concatenate([piece.motion.theta for piece in found.data.fitted]) * model["transmission.ratio"]
     excited = any(r.sidecar.experiment == "frf" for r in recordings)
@@ -66,7 +76,20 @@ def cross_checked(found: Diagnosis, recordings: Sequence[Recording], axis: Axis)
 
 
 def sensed(model: Model, recordings: Sequence[Recording]) -> SecondSensor | None:
-    """A sensor at the load against the antiresonances of a model."""
+    """A sensor at the load against the antiresonances of a model.
+
+    Parameters
+    ----------
+    model : Model
+        With any bodies.
+    recordings : sequence of Recording
+        With a sensor at the load, or without.
+
+    Returns
+    -------
+    SecondSensor or None
+        None without one.
+    """
     if not any(r.load_position_rad is not None or r.cart_position_m is not None for r in recordings):
         return None
     places = [r.sidecar.start_position_m for r in recordings if r.sidecar.start_position_m is not None]
@@ -75,7 +98,13 @@ def sensed(model: Model, recordings: Sequence[Recording]) -> SecondSensor | None
 
 
 def sensor_lines(sensor: SecondSensor | None) -> list[str]:
-    """The sensor at the load as a sentence; none where it shows nothing."""
+    """The sensor at the load as a sentence; none where it shows nothing.
+
+    Parameters
+    ----------
+    sensor : SecondSensor or None
+        None for none.
+    """
     if sensor is None:
         return []
     seen = f"The sensor at the load ({sensor.column}), which no fit uses, shows an antiresonance at " + number(
@@ -88,7 +117,13 @@ def sensor_lines(sensor: SecondSensor | None) -> list[str]:
 
 
 def sheet_lines(doubts: Sequence[SheetDoubt]) -> list[str]:
-    """Measured values against the data sheets, and below what to check: a wrong data sheet is no effect."""
+    """Measured values against the data sheets, and below what to check: a wrong data sheet is no effect.
+
+    Parameters
+    ----------
+    doubts : sequence of SheetDoubt
+        In the units of their entries.
+    """
     lines = []
     for doubt in doubts:
         what, usual, where = _SHEETS[doubt.entry]
@@ -136,7 +171,13 @@ _CHECKS = {
 
 
 def as_data(checks: Checks) -> dict[str, Any]:
-    """For ``--json``."""
+    """Checks of a diagnosis for ``--json``.
+
+    Parameters
+    ----------
+    checks : Checks
+        As :func:`cross_checked` made them.
+    """
     return {
         "resonances": None if checks.resonances is None else asdict(checks.resonances),
         "static_maps": [{**asdict(check), "confirmed": check.is_confirmed} for check in checks.maps],
@@ -147,12 +188,24 @@ def as_data(checks: Checks) -> dict[str, Any]:
 
 
 def sensor_data(sensor: SecondSensor | None) -> dict[str, Any] | None:
-    """For ``--json``."""
+    """The sensor at the load for ``--json``.
+
+    Parameters
+    ----------
+    sensor : SecondSensor or None
+        None for none.
+    """
     return None if sensor is None else {**asdict(sensor), "confirmed": sensor.confirms}
 
 
 def check_lines(checks: Checks) -> list[str]:
-    """Checks as sentences."""
+    """Checks of a diagnosis as sentences.
+
+    Parameters
+    ----------
+    checks : Checks
+        As :func:`cross_checked` made them.
+    """
     lines = sheet_lines(checks.sheets)
     if checks.resonances is not None:
         low, high = (", ".join(f"{f:.1f}" for f in row) or "none" for row in asdict(checks.resonances).values())

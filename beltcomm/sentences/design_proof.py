@@ -19,7 +19,17 @@ STANDING = (
 
 
 def proof_lines(proof: DesignProof, grounds: Grounds, asked: Specification) -> list[str]:
-    """Margins examined beyond the model's own, the worst of all, and what contradicts."""
+    """Margins examined beyond the model's own, the worst of all, and what contradicts.
+
+    Parameters
+    ----------
+    proof : DesignProof
+        Of a design.
+    grounds : Grounds
+        With the model.
+    asked : Specification
+        Margins that were asked for.
+    """
     lines = ["Proof:", *(f"  {line}" for line in _measured_lines(proof, asked))]
     drawn, values = proof.spread, proof.spread.worst_values
     lines.append(

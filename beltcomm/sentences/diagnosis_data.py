@@ -24,6 +24,8 @@ def diagnosis_data(found: Diagnosis, before: Plain, after: Plain) -> dict[str, A
 
     Parameters
     ----------
+    found : Diagnosis
+        The diagnosis.
     before, after : Plain
         Errors in plain units, fitted and held out.
     """
@@ -60,7 +62,15 @@ def diagnosis_data(found: Diagnosis, before: Plain, after: Plain) -> dict[str, A
 
 
 def error_data(fitted: Fitted, both: Plain) -> dict[str, Any]:
-    """Error of a model, over the noise and in plain units, on the fitted records and on those held out."""
+    """Error of a model, over the noise and in plain units, on the fitted records and on those held out.
+
+    Parameters
+    ----------
+    fitted : Fitted
+        The model.
+    both : Plain
+        Plain errors of the fitted records and of those held out.
+    """
     return {
         "ratio": fitted.ratio,
         "held_out": fitted.held_out_ratio,
@@ -84,12 +94,24 @@ def ranked(candidate: Candidate) -> dict[str, Any]:
 
 
 def values_of(model: Model) -> dict[str, Any]:
-    """Parameters with unit and interval."""
+    """Parameters of a model for ``--json``: value, unit and interval.
+
+    Parameters
+    ----------
+    model : Model
+        Of the axis.
+    """
     return {name: {"value": v.value, "unit": v.unit, "interval": v.interval} for name, v in model.parameters.items()}
 
 
 def seen_as(one: DetectionLimit) -> dict[str, Any]:
-    """One line of what could have been seen; null for never."""
+    """One limit of detection for ``--json``; null for an effect that is never seen.
+
+    Parameters
+    ----------
+    one : DetectionLimit
+        In the unit of its parameter.
+    """
     weakest, hardest = (None if math.isinf(v) else v for v in (one.weakest, one.hardest))
     known = {"parameter": one.parameter, "typical": one.size, "unit": one.unit, "seen": one.is_detectable}
     return {"effect": one.effect.name, "weakest": weakest, "usual": hardest, **known}

@@ -27,7 +27,15 @@ MISSED_SHARE = 0.1
 
 
 def stroke_lines(strokes: Sequence[Stroke], left_out_m_s: Sequence[float]) -> list[str]:
-    """Strokes and their speeds, neighbours with the same way on one line, after the plan's table."""
+    """Strokes and their speeds, neighbours with the same way on one line, after the plan's table.
+
+    Parameters
+    ----------
+    strokes : sequence of Stroke
+        Of all records.
+    left_out_m_s : sequence of float, m/s
+        Speeds that have no stroke.
+    """
     lines = ["Strokes, forth and back at each speed; measured is what stands here, behind 0.2 s of running in:"]
     for unit, group in itertools.groupby(sorted(strokes, key=lambda s: s.speed_m_s), key=lambda s: s.way.split(" ", 1)[1].rstrip("s")):
         some = list(group)
@@ -54,7 +62,17 @@ def _speeds(speeds_m_s: Sequence[float]) -> str:
 
 
 def study_lines(sweeps: Sequence[Sweep], drifts: Mapping[int, Drift | str], left_out_m_s: Sequence[float]) -> list[str]:
-    """The sweeps of a run in one table, what the order changes, and the drift; nothing for the single sweep of before."""
+    """The sweeps of a run in one table, what the order changes, and the drift; nothing for the single sweep of before.
+
+    Parameters
+    ----------
+    sweeps : sequence of Sweep
+        With and without a fit of their own.
+    drifts : mapping of int to Drift or str
+        By measurement; a sentence where there is none.
+    left_out_m_s : sequence of float, m/s
+        Speeds that have no stroke.
+    """
     shown = [s for s in sweeps if s.fit is not None]
     lines = []
     if left_out_m_s:
@@ -97,11 +115,11 @@ def _pair(value: Value, factor: float) -> str:
 
 def _slow(sweep: Sweep) -> str:
     """Mean torque of the slow speeds above the law, mN m, with the 95 % interval of that mean."""
-    left = slow_above(sweep)
+    left = _slow_above(sweep)
     return "" if left is None else f"{1e3 * left[0]:+.1f} ± {1e3 * left[1]:.1f} mN m"
 
 
-def slow_above(sweep: Sweep) -> tuple[float, float] | None:
+def _slow_above(sweep: Sweep) -> tuple[float, float] | None:
     """Mean and half 95 % interval of what the passes that were not fitted need above the law, N m; None with fewer than four."""
     if sweep.fit is None:
         return None
@@ -141,7 +159,13 @@ def _change(value: Value, base: Value) -> str:
 
 
 def drifts(drift: Drift) -> bool:
-    """True if friction changes with time beyond its scatter."""
+    """True if friction changes with time beyond its scatter.
+
+    Parameters
+    ----------
+    drift : Drift
+        Of one measurement.
+    """
     return clear(drift.viscous) or clear(drift.coulomb)
 
 
@@ -171,7 +195,13 @@ def _drift_line(drift: Drift | str, measurement: int, sweeps: Sequence[Sweep]) -
 
 
 def standstill_lines(found: Standstill | None) -> list[str]:
-    """One paragraph on why a response around standstill shows another damping than the sweep; nothing without both."""
+    """One paragraph on why a response around standstill shows another damping than the sweep; nothing without both.
+
+    Parameters
+    ----------
+    found : Standstill or None, N m s/rad, motor shaft
+        None where none was measured.
+    """
     if found is None:
         return []
     seen, sweep, unit = found.seen, found.sweep, "mN m s/rad"
@@ -211,7 +241,17 @@ def standstill_lines(found: Standstill | None) -> list[str]:
 
 
 def load_lines(found: LoadDependence, by: str, common_rad_s: float) -> list[str]:
-    """Friction against load and the verdict."""
+    """Friction against load, group by group, and the verdict.
+
+    Parameters
+    ----------
+    found : LoadDependence
+        N m and N m s/rad at the motor shaft.
+    by : str
+        Name of the load's axis.
+    common_rad_s : float, rad/s, motor shaft
+        Highest speed that all groups have.
+    """
     lines = [
         f"Friction against load ({by}; 95 % intervals; speeds up to {common_rad_s:.3g} rad/s at the motor, which all have):",
     ]

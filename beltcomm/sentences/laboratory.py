@@ -35,6 +35,10 @@ def comparison_screen(comparison: Comparison, places: Sequence[str], notes: Sequ
 
     Parameters
     ----------
+    comparison : Comparison
+        Of the model.
+    places : sequence of str
+        Sentences on where the error stands out.
     notes : sequence of str
         What else to look at.
     doubt : str
@@ -60,7 +64,15 @@ def comparison_screen(comparison: Comparison, places: Sequence[str], notes: Sequ
 
 
 def comparison_details(comparison: Comparison, model: Model) -> list[str]:
-    """Model and records of :func:`comparison_screen` in full."""
+    """Model and records of :func:`comparison_screen` in full.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        Of the model.
+    model : Model
+        Of the axis.
+    """
     first = comparison.plain or comparison.plain_held_out
     apart = f"{first.unit} and % up to {first.band_hz:g} Hz; x noise at all frequencies, by its own noise: no quotient." if first else ""
     return [f"Model: {', '.join(model.effects)}.", "", *table(*record_table(comparison)), apart, ""]
@@ -73,6 +85,8 @@ def diagnosis_screen(
 
     Parameters
     ----------
+    found : Diagnosis
+        The diagnosis.
     before, after : Plain
         Errors of the first and of the last model in plain units.
     caveats : sequence of str
@@ -117,7 +131,15 @@ def _said(found: Diagnosis) -> str:
 
 
 def error_words(ratios: tuple[float, float | None], plain: Plain) -> str:
-    """An error over the noise and in plain units, of the fitted records and of those held out where there are any."""
+    """An error over the noise and in plain units, of the fitted records and of those held out where there are any.
+
+    Parameters
+    ----------
+    ratios : tuple of float and float or None
+        Error over the noise, fitted and held out.
+    plain : Plain
+        Error in plain units, fitted and held out.
+    """
     (ratio, held), (whole, whole_held) = ratios, plain
     own = ""
     if whole is not None:
@@ -128,7 +150,18 @@ def error_words(ratios: tuple[float, float | None], plain: Plain) -> str:
 
 
 def record_table(comparison: Comparison) -> tuple[list[str], list[list[str]]]:
-    """Titles and rows: what each record leaves over, over its noise and in plain units."""
+    """Table of what each record leaves over, over its noise and in plain units.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        Of a model.
+
+    Returns
+    -------
+    tuple of list of str and list of list of str
+        Titles and rows.
+    """
     first = comparison.plain or comparison.plain_held_out
     titles = [">" + tr("% of torque"), f">{tr('error')} {first.unit}", f">{tr('noise')} {first.unit}"] if first is not None else []
     rows = []

@@ -39,12 +39,24 @@ LEFT_WORDS = {
 
 
 def remark_lines(remarks: Sequence[str]) -> list[str]:
-    """Oddities of the records, before anything else."""
+    """Oddities of the records, before anything else on a screen.
+
+    Parameters
+    ----------
+    remarks : sequence of str
+        Sentences.
+    """
     return ["Of the records:", *(f"  {remark}" for remark in remarks), ""] if remarks else []
 
 
 def trial_line(candidate: Candidate) -> str:
-    """Line on a trial while a diagnosis goes on."""
+    """Line on a trial while a diagnosis goes on.
+
+    Parameters
+    ----------
+    candidate : Candidate
+        Kept or taken back.
+    """
     if candidate.grows or candidate.unneeded or candidate.idle:
         return f"{candidate.effect.name} taken back, {candidate.against}; the next best is asked"
     share = 100.0 * min(1.0, candidate.explained)
@@ -69,7 +81,13 @@ def candidate_rows(found: Diagnosis, most: int, indent: str = "") -> list[Row]:
 
 
 def diagnosis_lines(found: Diagnosis) -> list[str]:
-    """Details of a diagnosis behind its answer, as lines: effects of the base, candidates of every trial, laws that were added."""
+    """Details of a diagnosis behind its answer, as lines: effects of the base, candidates of every trial, laws that were added.
+
+    Parameters
+    ----------
+    found : Diagnosis
+        The diagnosis.
+    """
     known = [name for name in found.base.model.effects if name not in (*BELT_BASE, *RIGID_BASE)]
     lines = [f"The model has already: {', '.join(known)}."] if known else []
     lines += candidate_rows(found, 5)
@@ -85,7 +103,13 @@ def diagnosis_lines(found: Diagnosis) -> list[str]:
 
 
 def caveats(found: Diagnosis) -> list[str]:
-    """Reservations about a diagnosis, as sentences: what records held out, parameters left open, values beyond a machine and twins say."""
+    """Reservations about a diagnosis, as sentences: what records held out, parameters left open, values beyond a machine and twins say.
+
+    Parameters
+    ----------
+    found : Diagnosis
+        The diagnosis.
+    """
     lines, model = [], with_intervals(found.final_fit)
     if found.added_effects:
         lines += narrower_lines(found.published_base[1], found.final_fit)
@@ -111,7 +135,15 @@ def caveats(found: Diagnosis) -> list[str]:
 
 
 def narrower_lines(before: Fitted, after: Fitted) -> list[str]:
-    """That only a part of the frequencies counts for a model, and the error of the one before it there; nothing where all count."""
+    """Sentence on a model for which only part of the frequencies counts, with the error of the one before it there; none where all count.
+
+    Parameters
+    ----------
+    before : Fitted
+        Fit of the model before.
+    after : Fitted
+        Fit of the model, to the same records.
+    """
     pairs = [(piece, other) for piece, other in zip(before.problem.pieces, after.problem.pieces, strict=False) if other.group > piece.group]
     if not pairs:
         return []
@@ -127,6 +159,10 @@ def after_diagnosis(found: Diagnosis, run: Path, planned: str = "", designs: boo
 
     Parameters
     ----------
+    found : Diagnosis
+        The diagnosis.
+    run : Path
+        Of the run folder.
     planned : str
         The command that makes the records that were planned.
     designs : bool
@@ -151,7 +187,13 @@ def after_diagnosis(found: Diagnosis, run: Path, planned: str = "", designs: boo
 
 
 def lacking_lines(missing: Sequence[str]) -> list[str]:
-    """Records that are not there."""
+    """Records that are not there, and so hide things.
+
+    Parameters
+    ----------
+    missing : sequence of str
+        Sentences.
+    """
     return ["Little can be seen here of some things:", *(f"  {line}" for line in missing)] if missing else []
 
 
@@ -160,6 +202,10 @@ def sight_lines(sights: Sequence[DetectionLimit], run: Path, unnamed: Collection
 
     Parameters
     ----------
+    sights : sequence of DetectionLimit
+        Limits of detection.
+    run : Path
+        Of the run folder.
     unnamed : Collection[str]
         Effects that are not named from them, whatever they show.
     planned : bool
@@ -170,7 +216,7 @@ def sight_lines(sights: Sequence[DetectionLimit], run: Path, unnamed: Collection
         return [f"Every {'other ' if unnamed else ''}effect of the catalogue, of typical size, would have been seen in these data."]
     lines = ["Could not have been seen here at its typical size:"]
     for sight in blind:
-        if math.isinf(sight.hardest) or beyond_bounds(sight):
+        if math.isinf(sight.hardest) or _beyond_bounds(sight):
             lines.append(f"  {sight.effect.name:24} these data say nothing of it")
             continue
         size = f" ({with_unit(f'{sight.parameter} {sight.hardest * sight.size:.2g}', sight.unit)})" if sight.unit else ""
@@ -181,12 +227,20 @@ def sight_lines(sights: Sequence[DetectionLimit], run: Path, unnamed: Collection
 
 
 def blind_words(sights: Sequence[DetectionLimit], unnamed: Collection[str]) -> list[str]:
-    """:func:`sight_lines` as one note."""
+    """:func:`sight_lines` as one note.
+
+    Parameters
+    ----------
+    sights : sequence of DetectionLimit
+        Limits of detection.
+    unnamed : collection of str
+        Effects that are left out.
+    """
     blind = [sight.effect.name for sight in sights if not sight.is_detectable and sight.effect.name not in unnamed]
     return [tr("not seen by these records (--next plans some that would): {names}", names=", ".join(blind))] if blind else []
 
 
-def beyond_bounds(sight: DetectionLimit) -> bool:
+def _beyond_bounds(sight: DetectionLimit) -> bool:
     """True if an effect that could be seen would be larger than any."""
     highs = [p.high for p in sight.effect.parameters if p.name == sight.parameter]
     return bool(highs) and sight.hardest * sight.size > highs[0]
@@ -194,7 +248,7 @@ def beyond_bounds(sight: DetectionLimit) -> bool:
 
 def effect_lines(effect: Effect, model: Model) -> list[str]:
     """Effect, its numbers, causes and what to check."""
-    lines = [f"{effect.name}: {effect.title}.", *(f"  {line}" for line in number_lines(effect, model)), *body_lines(effect, model)]
+    lines = [f"{effect.name}: {effect.title}.", *(f"  {line}" for line in number_lines(effect, model)), *_body_lines(effect, model)]
     if effect.causes:
         lines.append(f"  Usual causes: {effect.causes}.")
     lines.append(f"  Check: {effect.check}.")
@@ -202,13 +256,13 @@ def effect_lines(effect: Effect, model: Model) -> list[str]:
         lines.append(
             f"  Looks alike: {', '.join(effect.twins)}" + (f"; to tell them apart: {effect.separate}." if effect.separate else ".")
         )
-    lines += family_lines(effect, model)
+    lines += _family_lines(effect, model)
     return lines
 
 
 def number_lines(effect: Effect, model: Model) -> list[str]:
     """Its parameters with their intervals."""
-    lines, elsewhere = [], body_lines(effect, model)
+    lines, elsewhere = [], _body_lines(effect, model)
     for name, parameter in effect_parameters(effect).items():
         item = model.parameters[name]
         if parameter.form and item.low == item.high:
@@ -225,7 +279,7 @@ def number_lines(effect: Effect, model: Model) -> list[str]:
     return lines
 
 
-def body_lines(effect: Effect, model: Model) -> list[str]:
+def _body_lines(effect: Effect, model: Model) -> list[str]:
     """That an effect acts on the carriage, where the part of it that does is in the model, and what is left of it at the motor."""
     behind = [name for name in effect.completed_by if name in model.effects and effect_named(name).body == "cart"]
     own = model.parameters[effect.full_names()[0]] if behind else None
@@ -233,7 +287,7 @@ def body_lines(effect: Effect, model: Model) -> list[str]:
     return [f"  It acts on the carriage{' and at the motor' if left else ', nothing of it is seen at the motor'}: {n}." for n in behind]
 
 
-def family_lines(effect: Effect, model: Model) -> list[str]:
+def _family_lines(effect: Effect, model: Model) -> list[str]:
     """Checks that tell the causes apart that an effect stands for, where no motion does; as which tilt a constant torque would be."""
     causes = families(effect)
     if not causes:
@@ -251,7 +305,13 @@ def family_lines(effect: Effect, model: Model) -> list[str]:
 
 
 def made_already_notes(rung: Revision) -> list[str]:
-    """Note beside a change that the model has already."""
+    """Note beside a change that the model has already.
+
+    Parameters
+    ----------
+    rung : Revision
+        That made it.
+    """
     return [f"The model has this change already, {rung.name}{f' of {rung.when}' if rung.when else ''}: nothing was lost or fitted again."]
 
 
@@ -260,6 +320,10 @@ def added_notes(asked: str, effect: str, strays: bool) -> list[str]:
 
     Parameters
     ----------
+    asked : str
+        Name that was given.
+    effect : str
+        Name of the effect that was added.
     strays : bool
         It is a gap that a carriage which strays can do without.
     """
@@ -283,8 +347,16 @@ def change_lines(
     ----------
     was : tuple[Fitted, Plain]
         The model before, and what it left in plain units.
+    model : Model
+        Of the axis.
+    after : Fitted
+        Fit with the change.
+    rung : Revision
+        Revision that was made.
     notes : sequence of str
         Sentences before all else.
+    run : Path
+        Of the run folder.
     beside : sequence of str
         Effects that the last diagnosis names and the model does not have yet.
     """
@@ -336,16 +408,24 @@ def staircase(rungs: Sequence[Revision]) -> list[Row]:
 
 
 def ladder_lines(rungs: Sequence[Revision], changed: Sequence[str]) -> list[str]:
-    """``beltcomm ladder``: the staircase, and where its steps come from."""
+    """Revisions of a model as a staircase, and where its steps come from.
+
+    Parameters
+    ----------
+    rungs : sequence of Revision
+        In their order.
+    changed : sequence of str
+        Names of recordings.
+    """
     lines: list[str] = [*staircase(rungs), "", "Where they come from:"]
     for rung in rungs:
-        lines += provenance_lines(rung)
+        lines += _provenance_lines(rung)
     if changed:
         lines.append(f"Since the last revision these recordings changed: {', '.join(changed)}.")
     return lines
 
 
-def provenance_lines(rung: Revision) -> list[str]:
+def _provenance_lines(rung: Revision) -> list[str]:
     """Date, data and command of a revision; what not knowing its effects costs."""
     number = f"{len(rung.data)} recording{'' if len(rung.data) == 1 else 's'}"
     lines = [f"  {rung.name}  {', '.join(filter(None, [rung.when, f'{number}, data {rung.data_hash}']))}"]
@@ -363,8 +443,14 @@ def climb_lines(made: Sequence[Revision], named: Sequence[str], held_out: bool, 
 
     Parameters
     ----------
+    made : sequence of Revision
+        Revisions, in their order.
+    named : sequence of str
+        Effects that the diagnosis names.
     held_out : bool
         Whether any record is.
+    run : Path
+        Of the run folder.
     undetermined : Collection[str]
         Effects of which no number is known.
     """

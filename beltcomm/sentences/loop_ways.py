@@ -82,7 +82,7 @@ def shown(recording: Recording, way: Way, model: Model) -> LoopReading:
     note = recording.sidecar.excitation
     resonance = antiresonance = mass = stiffness = damping = None
     remarks = list(response.remarks)
-    highest = reaches_hz(response)
+    highest = _reaches_hz(response)
     try:
         fit = analyse.thesis_fit(response.lines(response.freq_hz <= highest), model)
         resonance, antiresonance, mass, stiffness = _numbers(fit)
@@ -100,7 +100,7 @@ def shown(recording: Recording, way: Way, model: Model) -> LoopReading:
     return LoopReading(recording.name, way, speed, response, *fitted, damping, share, highest, tuple(remarks))
 
 
-def reaches_hz(response: FrequencyResponse) -> float:
+def _reaches_hz(response: FrequencyResponse) -> float:
     """Frequency up to which, from the bottom on, most lines of every band stand above their noise, Hz."""
     clear = response.noise < LARGEST_NOISE * np.abs(response.h)
     bands = [slice(i, i + BAND_LINES) for i in range(0, len(clear), BAND_LINES)]
@@ -135,6 +135,11 @@ def friction_nm(recording: Recording) -> float | None:
     """Torque that the steady parts need against friction at base speed, N m at the motor; None where the carriage stood or went one way.
 
     Half the difference of both ways, so that gravity falls out.
+
+    Parameters
+    ----------
+    recording : Recording
+        At constant speed, both ways, with excited periods.
     """
     note = recording.sidecar.excitation
     if note is None or not note.base_speed_m_s or not note.period_starts or not note.period_samples:
@@ -147,7 +152,17 @@ def friction_nm(recording: Recording) -> float | None:
 
 
 def all_ways(recordings: Sequence[Recording], model: Model, first: str) -> list[LoopReading]:
-    """Every way of the record named first, the loudest open-loop record, then other closed-loop ones; what cannot be read is left out."""
+    """Every way of the record named first, the loudest open-loop record, then other closed-loop ones; what cannot be read is left out.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Of the run.
+    model : Model
+        For what bounds the band.
+    first : str
+        Name of a record.
+    """
     excited = [r for r in recordings if r.sidecar.experiment == "frf" and not r.sidecar.held_out]
     opened = [r for r in excited if not r.sidecar.closed_loop and len(analyse.responses([r]))]
     loudest = sorted(opened, key=lambda r: (len(r.t_s), float(np.std(r.torque))))[-1:]
@@ -166,7 +181,15 @@ def all_ways(recordings: Sequence[Recording], model: Model, first: str) -> list[
 
 
 def bias_by(recording: Recording, ways: Sequence[LoopReading]) -> Biased | None:
-    """Bias of the indirect reading of a record under a wrong controller; None where it has none."""
+    """Bias of the indirect reading of a record under a wrong controller; None where it has none.
+
+    Parameters
+    ----------
+    recording : Recording
+        In closed loop.
+    ways : sequence of LoopReading
+        Readings, of this and other records.
+    """
     own = next((s for s in ways if s.record == recording.name and s.way in ("indirect", "setpoint")), None)
     if own is None:
         return None
@@ -179,6 +202,10 @@ def lines(recording: Recording, ways: Sequence[LoopReading], slowest: float) -> 
 
     Parameters
     ----------
+    recording : Recording
+        The record.
+    ways : sequence of LoopReading
+        Readings, of this and other records.
     slowest : float
         Least motor speed over base speed in the record.
     """
@@ -196,14 +223,14 @@ def lines(recording: Recording, ways: Sequence[LoopReading], slowest: float) -> 
     ]
     shown = table(["way", "record", ">resonance", ">antiresonance", ">damping, rigid axis", ">noise", ">up to"], rows)
     form = [FORM] if any(s.resonance is not None for s in ways) else []
-    return [*shown, *form, *friction_words(recording, ways, slowest), *bias_words(recording, ways)]
+    return [*shown, *form, *_friction_words(recording, ways, slowest), *_bias_words(recording, ways)]
 
 
 def _cell(item: Characteristic | None, unit: str, factor: float) -> str:
     return "cannot tell" if item is None or not math.isfinite(item.interval) else number(factor * item.value, factor * item.interval, unit)
 
 
-def friction_words(recording: Recording, ways: Sequence[LoopReading], slowest: float) -> list[str]:
+def _friction_words(recording: Recording, ways: Sequence[LoopReading], slowest: float) -> list[str]:
     """Effect of friction on the record, with numbers."""
     own = next(s for s in ways if s.record == recording.name)
     standing = next((s for s in ways if not s.speed_m_s and s.record != recording.name and s.damping is not None), None)
@@ -227,7 +254,7 @@ def friction_words(recording: Recording, ways: Sequence[LoopReading], slowest: f
     return said
 
 
-def bias_words(recording: Recording, ways: Sequence[LoopReading]) -> list[str]:
+def _bias_words(recording: Recording, ways: Sequence[LoopReading]) -> list[str]:
     """The indirect reading against the direct one of the same record, and what a controller not exactly known would do (3.4)."""
     bias = bias_by(recording, ways)
     if bias is None:

@@ -27,11 +27,19 @@ from beltcomm.sentences.torque_path import path_data, path_lines, period_of, pro
 
 
 def save(folder: RunFolder, findings: Findings) -> None:
-    """Everything known into the run folder: models, designs, results."""
+    """Keep everything that was found in the run folder: models, designs, results.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    findings : Findings
+        Of a session.
+    """
     model = findings.final.fit.model if findings.final is not None else None
     if findings.final is not None:
         folder.save("models", "final", findings.final.fit.model.to_dict())
-        folder.save("results", "fit", {**fit_dict(findings.final, findings), RECORDS: folder.finished_names(), NOTED: findings.remarks})
+        folder.save("results", "fit", {**_fit_dict(findings.final, findings), RECORDS: folder.finished_names(), NOTED: findings.remarks})
         keep_fit(folder, findings.final.fit.data, findings.final.fit.fitted, findings.final.fit.model)
     if findings.friction is not None:
         folder.save("results", "friction", plain(findings.friction))
@@ -46,7 +54,7 @@ def save(folder: RunFolder, findings: Findings) -> None:
         folder.save("results", f"verify_{findings.move_name}", verdict)
 
 
-def fit_dict(final: FinalModel, findings: Findings) -> dict[str, Any]:
+def _fit_dict(final: FinalModel, findings: Findings) -> dict[str, Any]:
     """``results/fit.yaml``: the fit, what it was compared with, and what follows from it."""
     return {
         **fit_to_dict(final.fit),
@@ -60,7 +68,13 @@ def fit_dict(final: FinalModel, findings: Findings) -> dict[str, Any]:
 
 
 def design_dict(findings: Findings) -> dict[str, Any]:
-    """``designs/final.yaml``; empty without a design."""
+    """A design as ``designs/final.yaml`` has it; empty without one.
+
+    Parameters
+    ----------
+    findings : Findings
+        Of a session.
+    """
     if findings.design is None or findings.cascade is None:
         return {}
     apparent = analyse.apparent_damping(findings.thesis)
@@ -68,7 +82,15 @@ def design_dict(findings: Findings) -> dict[str, Any]:
 
 
 def data(folder: RunFolder, findings: Findings) -> dict[str, Any]:
-    """Everything that was found, for ``--json``."""
+    """Everything that was found, for ``--json``.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    findings : Findings
+        Of a session.
+    """
     found: dict[str, Any] = {
         "run": str(folder.path),
         "headline": headline_of(folder).to_dict(),
@@ -80,7 +102,7 @@ def data(folder: RunFolder, findings: Findings) -> dict[str, Any]:
         found["gravity"] = findings.holding.to_dict()
     if findings.final is not None:
         found["model"] = findings.final.fit.model.to_dict()
-        found["fit"] = fit_dict(findings.final, findings)
+        found["fit"] = _fit_dict(findings.final, findings)
     if findings.friction is not None:
         found["friction"] = findings.friction
     if findings.standstill is not None:
@@ -97,6 +119,8 @@ def model_text(findings: Findings, *, error: float | None = None, compared: bool
 
     Parameters
     ----------
+    findings : Findings
+        Of a session.
     error : float or None
         Over the noise, as the laboratory has it; the fit's own where nothing is given.
     compared : bool
@@ -119,7 +143,7 @@ def model_text(findings: Findings, *, error: float | None = None, compared: bool
     return lines + (words.thesis_lines(findings.thesis) if compared else [])
 
 
-def gravity_text(folder: RunFolder, findings: Findings) -> list[str]:
+def _gravity_text(folder: RunFolder, findings: Findings) -> list[str]:
     """The torque that holds a tilted axis, by all ways, and whether mass and tilt say the same; nothing of a level one."""
     if findings.holding is None:
         return []
@@ -128,7 +152,15 @@ def gravity_text(folder: RunFolder, findings: Findings) -> list[str]:
 
 
 def model_screen(folder: RunFolder, findings: Findings) -> list[Line]:
-    """Axis as known so far, on a screen: axis, model, friction, and what to look at."""
+    """Axis as known so far, on a screen: axis, model, friction, and what to look at.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    findings : Findings
+        Of a session.
+    """
     final = findings.final
     if final is None:
         return screens.warning_lines(findings.remarks)
@@ -142,8 +174,25 @@ def model_screen(folder: RunFolder, findings: Findings) -> list[Line]:
 
 
 def identify_text(folder: RunFolder, findings: Findings, drive: str, place_known: bool) -> tuple[list[str], list[str]]:
-    """The first model on a screen, with what to do next; and everything behind it."""
-    details = [*model_text(findings), *gravity_text(folder, findings), *words.remarks_lines(findings.remarks)]
+    """The first model on a screen, with what to do next; and everything behind it.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    findings : Findings
+        Of a session.
+    drive : str
+        As for ``--drive``.
+    place_known : bool
+        True if a record says where the carriage stands.
+
+    Returns
+    -------
+    tuple of list of str
+        Lines of the screen, and details.
+    """
+    details = [*model_text(findings), *_gravity_text(folder, findings), *words.remarks_lines(findings.remarks)]
     name = folder.axis.name or tr("the axis")
     shown = [
         Line(""),
@@ -164,7 +213,15 @@ def identify_text(folder: RunFolder, findings: Findings, drive: str, place_known
 
 
 def keep_text(folder: RunFolder, text: list[str]) -> None:
-    """Keep the text shown at the end as ``verdict.txt`` in the run folder."""
+    """Keep the text shown at the end as ``verdict.txt`` in the run folder.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    text : list of str
+        Lines.
+    """
     write_text(folder.path / "verdict.txt", "\n".join(lines_in(folder.terms, text)) + "\n")
 
 
@@ -212,6 +269,10 @@ def commission_text(folder: RunFolder, findings: Findings, ended: ReportWords | 
 
     Parameters
     ----------
+    folder : RunFolder
+        The run folder.
+    findings : Findings
+        Of a session.
     ended : ReportWords or None
         What the report says of the run; None where there is none yet.
     """
@@ -237,7 +298,7 @@ def commission_text(folder: RunFolder, findings: Findings, ended: ReportWords | 
         *(words.verdict_lines(findings.verdict, findings.demand) if findings.verdict else []),
         *model_text(findings, error=error, compared=False),
         *(f"  {doubt}" for doubt in (ended.doubts if ended is not None else ())),
-        *gravity_text(folder, findings),
+        *_gravity_text(folder, findings),
         *(words.design_lines(findings.design, findings.cascade) if findings.design and findings.cascade else []),
         *typed,
         *(words.friction_lines(findings.friction) if findings.friction else []),
@@ -250,7 +311,19 @@ def commission_text(folder: RunFolder, findings: Findings, ended: ReportWords | 
 
 
 def closing(folder: RunFolder, findings: Findings, drive: str, page: str = "") -> list[str]:
-    """Path of the report, fate of the gains, and the command to type next."""
+    """Path of the report, fate of the gains, and the command to type next.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    findings : Findings
+        Of a session.
+    drive : str
+        As for ``--drive``.
+    page : str
+        Line on the report; "" for none.
+    """
     state = {
         "restore": tr("old gains restored"),
         "keep": tr("new gains kept until power-off"),

@@ -75,7 +75,15 @@ def _table(terms: Terms, rows: Sequence[Row]) -> list[Row]:
 
 
 def lines_in(terms: Terms, lines: Sequence[str]) -> list[str]:
-    """Lines of a result or of a talk: sentences, screens and tables."""
+    """Lines of a result or of a talk in the words and units of an axis: sentences, screens and tables.
+
+    Parameters
+    ----------
+    terms : Terms
+        Of the axis.
+    lines : sequence of str
+        In those of a belt.
+    """
     made: list[str] = []
     for width, some in groupby(lines, key=lambda line: len(line.cells) if isinstance(line, Row) else 0):
         if width:
@@ -87,7 +95,15 @@ def lines_in(terms: Terms, lines: Sequence[str]) -> list[str]:
 
 
 def text_in(terms: Terms, marked: str) -> str:
-    """A text between the marks of SVG or HTML."""
+    """Text between the marks of SVG or HTML in the words and units of an axis.
+
+    Parameters
+    ----------
+    terms : Terms
+        Of the axis.
+    marked : str
+        Markup.
+    """
     return _TEXT.sub(lambda one: f">{terms.said(one[1])}<", marked)
 
 
@@ -96,6 +112,10 @@ def said_in(terms: Terms, value: V, *, keys: bool = False) -> V:
 
     Parameters
     ----------
+    terms : Terms
+        Of the axis.
+    value : V
+        In the words of a belt.
     keys : bool
         Single words are for people, too; pictures are told by their marks.
     """
@@ -221,7 +241,18 @@ def _terms_for(given: Mapping[str, Any]) -> Terms:
 
 
 def own_words(command: Callable[P, Result]) -> Callable[P, Result]:
-    """A public function whose result, talk and errors are in the words of the axis that it is about."""
+    """A public function whose result, talk and errors are in the words of the axis that it is about.
+
+    Parameters
+    ----------
+    command : callable
+        With an axis or a run among its arguments.
+
+    Returns
+    -------
+    callable
+        The same call.
+    """
     signature = inspect.signature(command)
 
     @wraps(command)
@@ -250,7 +281,18 @@ def own_words(command: Callable[P, Result]) -> Callable[P, Result]:
 
 
 def about_run(*, waits: bool = True) -> Callable[[Callable[P, Result]], Callable[P, Result]]:
-    """A public function that changes a run, :func:`beltcomm.locks.changes_run`, in the words of its axis."""
+    """A public function that changes a run, :func:`beltcomm.locks.changes_run`, in the words of its axis.
+
+    Parameters
+    ----------
+    waits : bool
+        True if it waits for another command in the run to end.
+
+    Returns
+    -------
+    callable
+        Decorator.
+    """
 
     def made(command: Callable[P, Result]) -> Callable[P, Result]:
         return own_words(changes_run(waits=waits)(command))

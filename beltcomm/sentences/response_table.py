@@ -115,6 +115,8 @@ def table_of(recordings: Sequence[Recording], model: Model) -> ResponseTable:
 
     Parameters
     ----------
+    recordings : sequence of Recording
+        Of a run.
     model : Model
         Says where about antiresonance and resonance are.
     """
@@ -274,7 +276,13 @@ def _moved_apart(one: dict[str, Landmark], other: dict[str, Landmark]) -> bool:
 
 
 def table_lines(found: ResponseTable) -> list[str]:
-    """The table and what it says."""
+    """Responses of a run side by side, and what they differ by.
+
+    Parameters
+    ----------
+    found : ResponseTable
+        Nothing is said of one without rows.
+    """
     if not found.rows:
         return []
     rows = []

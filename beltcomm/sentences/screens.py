@@ -45,7 +45,13 @@ OFF = {
 
 
 def headline_lines(headline: Headline) -> list[Line]:
-    """State in colour and word, then the sentence, broken where it is long."""
+    """State in colour and word, then the sentence, broken where it is long.
+
+    Parameters
+    ----------
+    headline : Headline
+        Of the run.
+    """
     return state_lines(tr(headline.word), headline.sentence, MEANINGS[headline.state])
 
 
@@ -59,7 +65,13 @@ def state_lines(word: str, sentence: str, style: str) -> list[Line]:
 
 
 def tracking_lines(verdict: Verdict) -> list[Line]:
-    """Errors measured and predicted, each against its target, at the motor and at the carriage."""
+    """Errors measured and predicted, each against its target, at the motor and at the carriage.
+
+    Parameters
+    ----------
+    verdict : Verdict, m
+        Of a move.
+    """
     targets = verdict.targets
     title = tr("your target") if targets.stated else tr("default target")
     rows = [Line(" " * 29, (f"{tr('measured'):<11}{tr('predicted'):<18}{title}", "soft"))]
@@ -128,6 +140,8 @@ def model_state(level: float, suspect: bool | None = None) -> tuple[str, str, st
     ----------
     level : float
         Error over the noise.
+    suspect : bool or None
+        None judges by the level alone.
     """
     if error_floor_words(level):
         return tr("NOT JUDGED"), tr("leaves {level:.2f} x the noise, less than noise can leave: not judged", level=level), "note"
@@ -139,7 +153,15 @@ def model_state(level: float, suspect: bool | None = None) -> tuple[str, str, st
 
 
 def model_line(level: float, suspect: bool | None = None) -> Line:
-    """:func:`model_state` as a line of a screen."""
+    """:func:`model_state` as a line of a screen.
+
+    Parameters
+    ----------
+    level : float
+        Error over the noise.
+    suspect : bool or None
+        None judges by the level alone.
+    """
     _, sentence, style = model_state(level, suspect)
     label = ("   ", ""), (f"{tr('model'):<9}", "title")
     return Line(*label, sentence.ljust(56), (tr("ok"), style)) if style == "good" else Line(*label, (sentence, style))
@@ -189,7 +211,13 @@ def loop_lines(margins: Sequence[Margins], binding: Sequence[str]) -> list[Line]
 
 
 def friction_line(friction: FrictionFit) -> Line:
-    """Coulomb and viscous friction of the sweep at the motor, with their intervals."""
+    """Coulomb and viscous friction of the sweep at the motor, with their intervals.
+
+    Parameters
+    ----------
+    friction : FrictionFit, N m, N m s/rad, motor shaft
+        Of the sweep.
+    """
     coulomb, viscous = friction.coulomb, friction.viscous
     text = f"Coulomb {_digits(1e3 * coulomb.value)}{_half(coulomb.interval)} mN m   "
     text += f"{tr('viscous')} {_digits(1e3 * viscous.value)}{_half(viscous.interval)} mN m s/rad"
@@ -201,12 +229,26 @@ def _half(interval: float | None) -> str:
 
 
 def design_screen(design: DesignResult, cascade: Cascade) -> list[Line]:
-    """Gains and loop of a design."""
+    """Gains and loop of a design on a screen.
+
+    Parameters
+    ----------
+    design : DesignResult
+        Result with its margins.
+    cascade : Cascade
+        That was designed.
+    """
     return [*gain_lines(cascade), *loop_lines(design.margins, design.binding)]
 
 
 def proof_lines(proof: DesignProof) -> list[Line]:
-    """On how many measured responses and drawn models the loop holds, and the worst of them."""
+    """Lines on how many measured responses and drawn models the loop holds, and the worst of them.
+
+    Parameters
+    ----------
+    proof : DesignProof
+        Of the design.
+    """
     unstable = [m.record for m in proof.measured if m.stable is False]
     bad = bool(unstable) or proof.spread.unstable > 0
     count = len(proof.measured)
@@ -218,7 +260,13 @@ def proof_lines(proof: DesignProof) -> list[Line]:
 
 
 def sheet_words(doubts: Iterable[Mapping[str, Any]]) -> list[str]:
-    """Contradictions between data sheets and model, a line each."""
+    """Contradictions between data sheets and model, a line each.
+
+    Parameters
+    ----------
+    doubts : iterable of mapping of str to Any
+        As the run keeps them.
+    """
     told = []
     for doubt in doubts:
         less, more = OFF.get(str(doubt["entry"]), ("{share:.0f} % less than in axis.yaml", "{share:.0f} % more than in axis.yaml"))
@@ -229,20 +277,40 @@ def sheet_words(doubts: Iterable[Mapping[str, Any]]) -> list[str]:
 
 
 def warnings(session: Mapping[str, Any], sheets: Iterable[Mapping[str, Any]]) -> list[str]:
-    """Warnings below a headline: reservations and notes of the session that it rests on, and what of the data sheets is off."""
+    """Warnings below a headline: reservations and notes of the session that it rests on, and what of the data sheets is off.
+
+    Parameters
+    ----------
+    session : mapping of str to Any
+        Result of a move or a design, as the run keeps it.
+    sheets : iterable of mapping of str to Any
+        Contradictions, as the run keeps them.
+    """
     notes = (note for note in session.get(NOTED) or () if not note.startswith(UNHURRIED))
     return [*map(told, session.get("reservations") or ()), *sheet_words(sheets), *map(told, notes)]
 
 
 def warning_lines(texts: Sequence[str]) -> list[Line]:
-    """Warnings, a line each; how many more there are."""
+    """Warnings, a line each; how many more there are.
+
+    Parameters
+    ----------
+    texts : sequence of str
+        Sentences; :data:`MOST_WARNINGS` are shown.
+    """
     lines = [Line("   ", (shorten(f"! {told(text)}", WIDE - 4, placeholder=" ..."), "note")) for text in texts[:MOST_WARNINGS]]
     left = len(texts) - MOST_WARNINGS
     return lines + ([Line("   ", (f"! {tr('{count} more notes', count=left)}: --details", "note"))] if left > 0 else [])
 
 
 def next_lines(step: NextCommand) -> list[Line]:
-    """The command to type next."""
+    """The command to type next.
+
+    Parameters
+    ----------
+    step : NextCommand
+        Command, and why.
+    """
     return command_lines(step.command, step.why)
 
 

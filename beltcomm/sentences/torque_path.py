@@ -22,7 +22,13 @@ _AT_ONCE = 1.0 - 1e-9
 
 
 def period_of(recordings: Sequence[Recording]) -> float:
-    """Sampling period that the path of some records is told in, s; 0 without any over time."""
+    """Sampling period that the path of some records is told in, s; 0 without any over time.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Static maps do not count.
+    """
     return next((r.sample_period_s for r in recordings if not r.is_static_map), 0.0)
 
 
@@ -70,12 +76,26 @@ def path_lines(path: TorquePath | None, sample_s: float) -> list[str]:
 
 
 def path_sentences(path: TorquePath, recordings: Sequence[Recording]) -> list[str]:
-    """Torque path of the drive that made some records, and what acts beside its setpoint, as whole sentences."""
+    """Torque path of the drive that made some records, and what acts beside its setpoint, as whole sentences.
+
+    Parameters
+    ----------
+    path : TorquePath
+        Of the torque.
+    recordings : sequence of Recording
+        Made by that drive.
+    """
     return whole_sentences([*path_lines(path, period_of(recordings)), *process_lines(path)])
 
 
 def whole_sentences(lines: Sequence[str]) -> list[str]:
-    """Lines with a capital and a full stop."""
+    """Lines with a capital and a full stop.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        Without either; none is empty.
+    """
     return [f"{line[0].upper()}{line[1:]}." for line in lines]
 
 

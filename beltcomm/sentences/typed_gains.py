@@ -16,7 +16,7 @@ _PER_RPM = math.pi / 30.0
 DIGITS = 4
 
 
-def typed_lines(cascade: Cascade, drive: Mapping[str, Any]) -> list[str]:
+def _typed_lines(cascade: Cascade, drive: Mapping[str, Any]) -> list[str]:
     """Each gain in units that tools have, then what the drive calls it, as far as that is known.
 
     Parameters
@@ -43,9 +43,17 @@ def typed_lines(cascade: Cascade, drive: Mapping[str, Any]) -> list[str]:
 
 
 def of_run(folder: RunFolder, cascade: Cascade) -> list[str]:
-    """Gains to type into the drive of a run; nothing where beltcomm writes them itself."""
+    """Gains to type into the drive of a run; nothing where beltcomm writes them itself.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    cascade : Cascade
+        That was designed.
+    """
     drive = folder.load_result("drive") or {}
-    return typed_lines(cascade, drive) if drive.get("gains") == "unknown" else []
+    return _typed_lines(cascade, drive) if drive.get("gains") == "unknown" else []
 
 
 def _gains(cascade: Cascade, per_amp: float) -> list[tuple[str, list[str]]]:

@@ -40,13 +40,31 @@ _MARK = {"alarm": "!", "changed": "*", "steady": " ", "few": " "}
 
 
 def head_line(standings: Sequence[Standing]) -> Line:
-    """Titles of the columns: change since the first moves, %, over the last ones."""
+    """Titles of the columns: change since the first moves, %, over the last ones.
+
+    Parameters
+    ----------
+    standings : sequence of Standing
+        One for each quantity.
+    """
     cells = "".join(f"{COLUMNS[one.key][0] + ' %':>13}" for one in standings if one.key not in APART)
     return Line((f"{'move':>5} {'time':8} {'mm':>5} {'error':>6}{cells}", "title"))
 
 
 def move_line(count: int, clock: str, move: JudgedMove, standings: Sequence[Standing]) -> Line:
-    """One move; what has changed, in per cent with 95 % intervals, over the last :data:`POOL` moves."""
+    """Line on one move; what has changed, in per cent with 95 % intervals, over the last :data:`POOL` moves.
+
+    Parameters
+    ----------
+    count : int
+        Number of the move.
+    clock : str
+        Time of day.
+    move : JudgedMove
+        As it was judged.
+    standings : sequence of Standing
+        One for each quantity.
+    """
     parts: list[str | tuple[str, str]] = [f"{count:5d} {clock:8} {1e3 * move.travel_m:5.0f} "]
     error = next(one for one in standings if one.key == ERROR)
     parts.append((f"{move.ratio:5.2f}{_MARK[error.state]}", _STYLE[error.state]))
@@ -65,7 +83,13 @@ def _change(one: Standing) -> str:
 
 
 def event_sentence(one: Standing) -> str:
-    """Change of a quantity, from what to what, and the limit."""
+    """Change of a quantity, from what to what, and the limit.
+
+    Parameters
+    ----------
+    one : Standing
+        That has changed or come back.
+    """
     (words, unit, factor), (_, more, less) = NAMED[one.key], COLUMNS[one.key]
     place = "" if one.place_m is None else f" at {1e3 * one.place_m:.0f} mm"
     if one.state == "steady":
@@ -85,7 +109,25 @@ def event_sentence(one: Standing) -> str:
 def summary_lines(
     moves: int, left_out: int, why: str, seconds: float, standings: Sequence[Standing], alarms: Sequence[str], changed: Sequence[str]
 ) -> list[str]:
-    """Findings of the whole watch."""
+    """Findings of the whole watch.
+
+    Parameters
+    ----------
+    moves : int
+        That were judged.
+    left_out : int
+        That were not.
+    why : str
+        Reason for the last of these.
+    seconds : float, s
+        Of the whole watch.
+    standings : sequence of Standing
+        One for each quantity, at the end.
+    alarms : sequence of str
+        Quantities beyond their limits.
+    changed : sequence of str
+        Quantities that changed within them.
+    """
     if not moves:
         return ["No move was found" + (f" that tells anything; {left_out} were left out: {why}" if left_out else "") + "."]
     span = f"{seconds / 3600.0:.1f} h" if seconds > 5400.0 else f"{seconds:.0f} s"

@@ -47,7 +47,17 @@ LEAST_SHARE = 1e-7
 
 
 def number(value: float, interval: float | None, unit: str) -> str:
-    """Value with its 95 % interval, rounded to the interval's second digit."""
+    """Value with its 95 % interval, rounded to the interval's second digit.
+
+    Parameters
+    ----------
+    value : float
+        In ``unit``.
+    interval : float or None
+        Half width in ``unit``; None where it is not known.
+    unit : str
+        As it is printed.
+    """
     unknown = interval is None or not math.isfinite(interval) or interval <= 0.0
     if interval is None or unknown or interval < LEAST_SHARE * abs(value):  # that the search met and never left: not known that well
         return f"{value:.0f} {unit}" if 1e4 <= abs(value) < 1e7 else f"{value:.4g} {unit}"
@@ -110,7 +120,13 @@ def thesis_lines(fits: Mapping[str, MagnitudeFit]) -> list[str]:
 
 
 def friction_lines(friction: FrictionFit) -> list[str]:
-    """Coulomb and viscous friction of the sweep, per direction too."""
+    """Coulomb and viscous friction of the sweep, per direction too.
+
+    Parameters
+    ----------
+    friction : FrictionFit, N m, N m s/rad, motor shaft
+        Of the sweep.
+    """
     lines = [
         "Friction from the sweep (motor and carriage together, at the motor):",
         f"  Coulomb  {number(1e3 * friction.coulomb.value, _half(friction.coulomb.interval, 1e3), 'mN m')}",
@@ -131,7 +147,15 @@ def _half(interval: float | None, factor: float) -> float | None:
 
 
 def design_lines(design: DesignResult, cascade: Cascade) -> list[str]:
-    """Gains and the worst margins over all plants."""
+    """Gains and the worst margins over all plants.
+
+    Parameters
+    ----------
+    design : DesignResult
+        Result with its margins.
+    cascade : Cascade
+        That was designed.
+    """
     worst = min(design.margins, key=lambda m: m.phase_margin_deg)
     slowest = min(design.margins, key=lambda m: m.position_phase_margin_deg)
     sensitivity = max(m.most_sensitivity_db for m in design.margins)
@@ -166,6 +190,10 @@ def knowledge_lines(model: Model, along: Sequence[str], which: str) -> list[str]
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
+    along : sequence of str
+        Effects whose torque is sent along.
     which : str
         Sentence on the model, "" for none.
     """
@@ -191,6 +219,10 @@ def verdict_lines(verdict: Verdict, demand: Demand | None, feedforward: str | No
 
     Parameters
     ----------
+    verdict : Verdict, m
+        Of a move.
+    demand : Demand or None
+        Asked of the axis by the move; None where it is not known.
     feedforward : str or None
         What took the place of the design's, if anything.
     """
@@ -217,17 +249,35 @@ def verdict_lines(verdict: Verdict, demand: Demand | None, feedforward: str | No
 
 
 def remarks_lines(remarks: Sequence[str]) -> list[str]:
-    """Everything else worth knowing."""
+    """Remarks as lines of a screen.
+
+    Parameters
+    ----------
+    remarks : sequence of str
+        Sentences.
+    """
     return [f"Note: {remark}" for remark in remarks]
 
 
 def lasting(drive: str) -> str:
-    """Values that a virtual drive keeps of those written to it; nothing is said of a real one."""
+    """Values that a virtual drive keeps of those written to it; nothing is said of a real one.
+
+    Parameters
+    ----------
+    drive : str
+        As for ``--drive``.
+    """
     return ". A virtual drive begins anew with every command and forgets what was written" if simulated(drive) else ""
 
 
 def nonlinearity_lines(found: Mapping[str, Nonlinearity]) -> list[str]:
-    """Findings of the silent lines of multisines, one line each."""
+    """Findings of the silent lines of multisines, one line each.
+
+    Parameters
+    ----------
+    found : mapping of str to Nonlinearity
+        By record; shares of the linear answer.
+    """
     return [
         f"{name}: on lines that were not excited, {n.low_hz:.3g} to {n.high_hz:.3g} Hz, the axis answers with {100 * n.odd:.1f} % of the "
         f"linear answer on odd and {100 * n.even:.1f} % on even ones (noise {100 * n.noise:.2f} %): "

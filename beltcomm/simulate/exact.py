@@ -22,7 +22,13 @@ _OUTSIDE = ("torque_delay", "torque_reading", "sensor")
 
 
 def is_exact(model: Model) -> bool:
-    """True if the motion of a model is solved exactly: all its laws linear but for friction of constant level.  Decided here only."""
+    """True if the motion of a model is solved exactly: all its laws linear but for friction of constant level.  Decided here only.
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+    """
     return all(effect.linear or effect.slot in _OUTSIDE for effect in model.effect_list())
 
 

@@ -82,14 +82,20 @@ def simulate_torque(
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
     torque_nm : ArrayLike, (n,)
         N m at the motor shaft (N for an axis whose first body is the carriage); acts from t[n] to t[n+1].
+    sample_period_s : float, s
+        Sampling period.
     position_m : float, m
         Carriage at the start, at rest in static equilibrium (beltcomm.model.statics.equilibrium); unused with ``state``.
     substeps : int
         Integration steps per sampling period.
     time_s : float, s
         Session clock at the start.
+    state : BodyStates or None
+        Of all bodies at the start; None begins at rest.
 
     Raises
     ------
@@ -112,7 +118,25 @@ def integrate_torque(
     time_s: float = 0.0,
     state: BodyStates | None = None,
 ) -> Simulated:
-    """Motion of a model under held torque by integration steps, whatever its laws; see :func:`simulate_torque`."""
+    """Motion of a model under held torque by integration steps, whatever its laws; see :func:`simulate_torque`.
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+    torque_nm : array_like (n,), N m, motor shaft
+        Held from each sample to the next.
+    sample_period_s : float, s
+        Sampling period.
+    position_m : float, m
+        Carriage at the start.
+    substeps : int
+        Integration steps in a sample.
+    time_s : float, s
+        Session's clock at the start.
+    state : BodyStates or None
+        Of all bodies at the start; None begins at rest.
+    """
     return _simulate(model, torque_nm, sample_period_s, position_m, substeps, time_s, state, _integrate)
 
 
@@ -134,7 +158,7 @@ def _simulate(
     torque = np.ascontiguousarray(torque_nm, dtype=np.float64)
     if torque.ndim != 1 or not np.all(np.isfinite(torque)):
         raise UsageError(f"the torque must be one row of finite numbers, not an array of shape {torque.shape}")
-    check_period(model, position_m, sample_period_s, substeps)
+    _check_period(model, position_m, sample_period_s, substeps)
     rate = 0.0 if motion is _solve_exactly else check_step(model, position_m, sample_period_s, substeps)
     start = state or at_rest(model, position_m)
     if is_late(model) and motion is not _nystrom:
@@ -208,7 +232,7 @@ def at_rest(model: Model, position_m: float) -> BodyStates:
     return BodyStates(np.concatenate([positions, unloaded]), np.zeros_like(positions))
 
 
-def check_period(model: Model, position_m: float, duration_s: float, substeps: int) -> None:
+def _check_period(model: Model, position_m: float, duration_s: float, substeps: int) -> None:
     """Raise UsageError for a period, a number of steps or a place that means nothing."""
     if not (duration_s > 0.0 and substeps >= 1):
         raise UsageError(f"simulation needs a period above 0 s and at least one sub-step, not {duration_s:g} s and {substeps}")
@@ -218,7 +242,7 @@ def check_period(model: Model, position_m: float, duration_s: float, substeps: i
 
 def check_step(model: Model, position_m: float, duration_s: float, substeps: int) -> float:
     """Rate of the model's fastest motion there, 1/s; UsageError unless ``substeps`` integration steps in ``duration_s`` resolve it."""
-    check_period(model, position_m, duration_s, substeps)
+    _check_period(model, position_m, duration_s, substeps)
     rate = fastest_rate(model, operating_point(model, position_m))
     needed = duration_s * rate / LARGEST_STEP
     if substeps < needed:

@@ -133,9 +133,15 @@ def reconstruct(
     position : ndarray (n,), rad, motor shaft
     torque : ndarray, N m
         ndarray (n,) acting from sample n to n+1, or (fine - 1,), mean over each fine step.
+    sample_s : float, s
+        Sampling period.
     inertia : float, kg m², motor side
     start_rad : float, rad
         Absolute motor angle (carriage position over i_t) of the first sample.
+    substeps : int
+        Fine steps per sample.
+    time_s : float, s
+        Session's clock at the first sample.
     load : ndarray (fine,) or None, N m
         As :func:`fine_load` gives it for a first reconstruction; None: taken as smooth.
     within : Intersample or None
@@ -168,11 +174,17 @@ def _cells(torque: Array, per_sample: int, within: Intersample | None) -> Array:
 
 
 def begins_in_motion(motion: FineMotion) -> bool:
-    """True if the kernel lets all bodies begin at the motor's speed; else they begin at rest."""
-    return first_speed(motion) != 0.0
+    """True if the kernel lets all bodies begin at the motor's speed; else they begin at rest.
+
+    Parameters
+    ----------
+    motion : FineMotion
+        Of a segment.
+    """
+    return _first_speed(motion) != 0.0
 
 
-def first_speed(motion: FineMotion) -> float:
+def _first_speed(motion: FineMotion) -> float:
     """Speed of the motor at which the kernel lets all bodies begin, rad/s."""
     if len(motion.theta) < 3:
         return 0.0
@@ -203,6 +215,15 @@ def true_motion(model: Model, motion: FineMotion, vector: Array | None = None) -
 
     An error is one of the angle shown, at the samples, and between them runs as the spline of :func:`reconstruct` does: one that goes
     faster than the samples, as that of an encoder with many lines, is not there between them.
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+    motion : FineMotion
+        As the sensor shows it.
+    vector : ndarray or None
+        Values of the parameters; None for the model's own.
     """
     board = switchboard(model.base_bodies, model.effects)
     if not board.sensor:
@@ -224,6 +245,10 @@ def fine_load(model: Model, motion: FineMotion, vector: Array | None = None, off
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
+    motion : FineMotion
+        True, of a segment.
     vector : ndarray or None
         Replaces ``model.vector()``.
     offset_m : float, m
@@ -247,7 +272,24 @@ def fine_load(model: Model, motion: FineMotion, vector: Array | None = None, off
 
 
 def motor_load(model: Model, motion: FineMotion, vector: Array, effect: str | None = None) -> Array:
-    """Load by the effects that act on the motor alone, or one of them; triangular mean, (n,), N m, ends 0; read only."""
+    """Load by the effects that act on the motor alone, or one of them; triangular mean, (n,), N m, ends 0; read only.
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+    motion : FineMotion
+        Of a segment.
+    vector : ndarray (k,)
+        Values of the parameters.
+    effect : str or None
+        Name of the only one that counts; None for all.
+
+    Returns
+    -------
+    ndarray (n,), N m, motor shaft
+        Read only; ends 0.
+    """
     board = switchboard(model.base_bodies, model.effects)
     on, vector = board.motor, loaded(model, vector, motion.mounted)
     if effect is not None:
@@ -270,12 +312,46 @@ def motor_load(model: Model, motion: FineMotion, vector: Array, effect: str | No
 
 
 def belt_load(model: Model, motion: FineMotion, vector: Array, offset_m: float) -> Array:
-    """Load by everything beyond the motor; triangular mean, (n,), N m, ends 0."""
+    """Load by everything beyond the motor; triangular mean, (n,), N m, ends 0.
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+    motion : FineMotion
+        Of a segment.
+    vector : ndarray (k,)
+        Values of the parameters.
+    offset_m : float, m
+        Of the carriage at the start.
+
+    Returns
+    -------
+    ndarray (n,), N m, motor shaft
+        Ends 0.
+    """
     return belt_loads(model, motion, [vector], [offset_m])[:, 0]
 
 
 def belt_loads(model: Model, motion: FineMotion, vectors: Sequence[Array], offsets_m: Sequence[float]) -> Array:
-    """Load by everything beyond the motor for several vectors of parameters, all with one transmission, and offsets; (n, k)."""
+    """Load by everything beyond the motor for several vectors of parameters, all with one transmission, and offsets; (n, k).
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+    motion : FineMotion
+        Of a segment.
+    vectors : sequence of ndarray (p,) each
+        Values of the parameters, k times.
+    offsets_m : sequence of float, m
+        Of the carriage at the start, k times.
+
+    Returns
+    -------
+    ndarray (n, k), N m, motor shaft
+        Ends 0.
+    """
     board = switchboard(model.base_bodies, model.effects)
     if not board.belt.any():
         return np.zeros((motion.samples, len(vectors)))
@@ -285,7 +361,7 @@ def belt_loads(model: Model, motion: FineMotion, vectors: Sequence[Array], offse
         by_name = dict(zip(model.parameters, np.array(vectors).T, strict=True))
         values = lane_values(len(vectors), lambda name: by_name.get(name, 0.0), np.asarray(offsets_m))
         ratio = float(by_name["transmission.ratio"][0])
-        return belt_loads_in_lanes(motion.theta, motion.omega, h, motion.substeps, ratio, first_speed(motion), values)
+        return belt_loads_in_lanes(motion.theta, motion.omega, h, motion.substeps, ratio, _first_speed(motion), values)
     means = np.empty((len(vectors), motion.samples))
     load, cart = _SCRATCH.rows(len(motion.theta))
     for mean, vector, offset in zip(means, vectors, offsets_m, strict=True):
@@ -302,8 +378,14 @@ def follow_bodies(model: Model, motions: Sequence[FineMotion], vectors: Sequence
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
+    motions : sequence of FineMotion
+        One for each vector.
     vectors : sequence of ndarray
         With one transmission.
+    watches : sequence of ObserverState
+        One for each vector; filled.
     """
     board = switchboard(model.base_bodies, model.effects)
     vectors = [loaded(model, vector, motion.mounted) for motion, vector in zip(motions, vectors, strict=True)]
@@ -335,13 +417,29 @@ def lock_step_groups(group: Sequence[int], lengths: Sequence[int]) -> list[list[
 
 
 def _lane(motion: FineMotion, p: Array, watch: ObserverState) -> Lane:
-    return Lane(motion.theta, motion.omega, first_speed(motion), motion.time_s, motion.bristle_m, p, watch)
+    return Lane(motion.theta, motion.omega, _first_speed(motion), motion.time_s, motion.bristle_m, p, watch)
 
 
 def linear_innovations(model: Model, motion: FineMotion, vectors: Sequence[Array], watch: ObserverState) -> Array:
     """Innovations over their deviation, (n, k), of several vectors by one observer that does not learn.
 
     One load is ``wanted`` and one transmission is theirs.
+
+    Parameters
+    ----------
+    model : Model
+        With an observer.
+    motion : FineMotion
+        Of a segment.
+    vectors : sequence of ndarray (p,) each
+        Values of the parameters, k times.
+    watch : ObserverState
+        Observer whose gains are known.
+
+    Returns
+    -------
+    ndarray (n, k), 1
+        Column by column.
     """
     watches = [reset(watch, watch.wanted) for _ in vectors]
     follow_bodies(model, [motion] * len(vectors), vectors, watches)
@@ -353,6 +451,10 @@ def acting_torque(model: Model, motion: FineMotion, torque: Array, vector: Array
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
+    motion : FineMotion
+        Of a segment.
     torque : ndarray (n,), N m
         As reported, held from sample n to n+1.
     vector : ndarray or None
@@ -371,7 +473,24 @@ def acting_torque(model: Model, motion: FineMotion, torque: Array, vector: Array
 
 
 def acting_cells(model: Model, motion: FineMotion, torque: Array, vector: Array | None = None) -> Array:
-    """Acting torque, mean over each cell of time; a whole number of cells per fine step, N m, ((n - 1)*cells per sample,)."""
+    """Acting torque, mean over each cell of time; a whole number of cells per fine step.
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+    motion : FineMotion
+        Of a segment.
+    torque : ndarray (n,), N m, motor shaft
+        As it was read.
+    vector : ndarray or None
+        Values of the parameters; None for the model's own.
+
+    Returns
+    -------
+    ndarray ((n - 1)*cells per sample,), N m
+        Motor shaft.
+    """
     board = switchboard(model.base_bodies, model.effects)
     values = model.vector() if vector is None else vector
     finer = max(1, DELAY_CELLS // motion.substeps) if board.delays else 1
@@ -387,12 +506,33 @@ def acting_cells(model: Model, motion: FineMotion, torque: Array, vector: Array 
 
 
 def coarse(cells: Array, together: int) -> Array:
-    """Means of so many cells each."""
+    """Means of so many cells each.
+
+    Parameters
+    ----------
+    cells : ndarray (n,)
+        Of any unit.
+    together : int
+        Cells for each mean; n is a multiple of it.
+
+    Returns
+    -------
+    ndarray (n/together,)
+        In their unit.
+    """
     return cells if together == 1 else np.asarray(cells.reshape(-1, together).mean(axis=1))
 
 
 def reading_lags(model: Model, vector: Array) -> Lags:
-    """The laws by which a model's torque reading lags, with their values; () where it does not."""
+    """The laws by which a model's torque reading lags, with their values; () where it does not.
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+    vector : ndarray (k,)
+        Values of the parameters.
+    """
     return tuple((law, tuple(float(vector[i]) for i in places)) for law, places in switchboard(model.base_bodies, model.effects).readings)
 
 
@@ -403,8 +543,14 @@ def as_read(torque: Array, start_nm: float, sample_s: float, lags: Lags) -> Arra
 
     Parameters
     ----------
+    torque : ndarray (n,), N m
+        Motor shaft.
     start_nm : float, N m
         The reading at the first sample that counts, the second: the lag's whole state.
+    sample_s : float, s
+        Sampling period.
+    lags : Lags
+        Laws of the reading with their values.
     """
     if not lags:
         return torque
@@ -428,8 +574,16 @@ def torque_residuals(model: Model, motion: FineMotion, torque: Array, vectors: S
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
+    motion : FineMotion
+        As it was read.
     torque : ndarray (n,), N m
         As reported.
+    vectors : sequence of ndarray (p,) each
+        Values of the parameters.
+    offsets_m : sequence of float, m
+        Of the carriage at the start, one for each vector.
     """
     board, ratio = switchboard(model.base_bodies, model.effects), model.index("transmission.ratio")
     beside = board.in_lanes and not board.sensor and all(p[ratio] == vectors[0][ratio] for p in vectors)

@@ -75,6 +75,8 @@ def lock_step(lanes: Sequence[Lane], on: BoolArray, step_s: float) -> None:
 
     Parameters
     ----------
+    lanes : sequence of Lane
+        With motion, parameters and observer.
     on : ndarray of bool
         Effects of the catalogue that are on beyond the motor.
     step_s : float, s
@@ -131,15 +133,15 @@ def _places() -> tuple[list[int], int]:
 
 @lru_cache(maxsize=1)
 def _kernel() -> Callable[..., None]:
-    kernel: Callable[..., None] = import_stable(lock_step_source()).together
+    kernel: Callable[..., None] = import_stable(_lock_step_source()).together
     return kernel
 
 
-def lock_step_source() -> str:
+def _lock_step_source() -> str:
     """Python source of the kernel."""
     writer = _writer()
     others, driven, onset = range(1, len(writer.bodies)), writer.driven, writer.onsets()[0]
-    groups, follow_up = writer.group_effects(drop_switch(writer.follow_up(), "belt"))
+    groups, follow_up = writer.group_effects(_drop_switch(writer.follow_up(), "belt"))
     correct = []
     for i in others:
         moved = [f"{name}{i} = {name}{i} - at(memory, {place}{i})" for name, place in (("q", "at"), ("v", "to"), ("o", "to"))]
@@ -188,7 +190,7 @@ def lock_step_source() -> str:
                 *correct,
                 f"q{cart} = either(at(s, {ASTRAY}) > 0.0, u - at(s, {AIM}), q{cart})",
             ], 1),
-            *drop_switch([line for i in others for line in writer.with_body(i, [f"q{i} += h * v{i}"])], "belt"),
+            *_drop_switch([line for i in others for line in writer.with_body(i, [f"q{i} += h * v{i}"])], "belt"),
             "t += h",
             "j += 1",
             "if j == substeps:",
@@ -199,7 +201,7 @@ def lock_step_source() -> str:
         ], 1),
     ]  # fmt: skip
     given = "where, lengths, values, on, h, ratio, substeps, bodies, behind, cart, learning, rows, memory, passes, reaches, course, s"
-    text = broadcast_constants([*needed_lines([*_model_lines(writer), *groups, *_body_lines(others)], body), *body])
+    text = _broadcast_constants([*needed_lines([*_model_lines(writer), *groups, *_body_lines(others)], body), *body])
     return writer.assemble([["@in_lanes", f"def together({given}):", *indent(["nothing = eight(0.0)", *text], 1)]])
 
 
@@ -222,22 +224,22 @@ def _body_lines(others: Iterable[int]) -> list[str]:
     return lines
 
 
-def broadcast_constants(lines: Sequence[str]) -> list[str]:
+def _broadcast_constants(lines: Sequence[str]) -> list[str]:
     """Lines in which a name that is set to a number is set to eight of them."""
     return [re.sub(r"^(\s*\w+ = )(-?\d+\.\d+)$", r"\1eight(\2)", line).replace("max(", "most(").replace("min(", "least(") for line in lines]
 
 
-def drop_switch(lines: Sequence[str], switch: str) -> list[str]:
+def _drop_switch(lines: Sequence[str], switch: str) -> list[str]:
     """Lines without the question for a switch that is always on."""
     out: list[str] = []
     for block in blocks(list(lines)):
         end = block.index("else:") if "else:" in block else len(block)
         yes, no = ([line[4:] for line in part] for part in (block[1:end], block[end + 1 :]))
         if block[0] == f"if {switch}:":
-            out += drop_switch(yes, switch)
+            out += _drop_switch(yes, switch)
         elif yes:
-            out += [block[0], *indent(drop_switch(yes, switch), 1)]
-            out += ["else:", *indent(drop_switch(no, switch), 1)] if no else []
+            out += [block[0], *indent(_drop_switch(yes, switch), 1)]
+            out += ["else:", *indent(_drop_switch(no, switch), 1)] if no else []
         else:
             out += block
     return out

@@ -166,6 +166,12 @@ def close_loop(
 
     Parameters
     ----------
+    plant : Plant
+        It is moved on.
+    cascade : Cascade
+        The controller.
+    drive : LoopDrive
+        Limits and steps of the drive.
     kind : LoopKind
         Which loop is closed; "velocity" leaves the position free.
     position_rad, velocity_rad_s, added_nm : ndarray (n,)
@@ -239,7 +245,32 @@ def simulate_loop(
     reference_rad_s: Array,
     added_nm: Array,
 ) -> LoopRun:
-    """As :func:`close_loop`, on a model that begins at rest with the carriage at ``start_m``; ``cart_m`` is where it stands on the axis."""
+    """A closed loop as of :func:`close_loop`, on a model that begins at rest.
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+    cascade : Cascade
+        That runs in the drive.
+    drive : LoopDrive
+        Limits and steps of the drive.
+    kind : LoopKind
+        Of the setpoints.
+    start_m : float, m
+        Carriage on the axis.
+    reference_rad : ndarray (n,), rad
+        Of the motor.
+    reference_rad_s : ndarray (n,), rad/s
+        Of the motor.
+    added_nm : ndarray (n,), N m, motor shaft
+        Torque sent along.
+
+    Returns
+    -------
+    LoopRun
+        With ``cart_m`` as it stands on the axis.
+    """
     plant = SimulatedPlant(model, start_m)
     found = close_loop(plant, cascade, drive, kind, reference_rad, reference_rad_s, added_nm)
     return replace(found, cart_m=start_m + found.cart_m)

@@ -28,7 +28,15 @@ _LOOK_EVERY_M = 5e-3
 
 
 def substeps_needed(model: Model, position_m: float) -> int:
-    """Sub-steps per millisecond that resolve a model's fastest motion with a fifth to spare, at least ``LEAST_SUBSTEPS``."""
+    """Sub-steps per millisecond that resolve a model's fastest motion with a fifth to spare, at least ``LEAST_SUBSTEPS``.
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+    position_m : float, m
+        Carriage on the axis.
+    """
     return max(LEAST_SUBSTEPS, math.ceil(1.2 * 1e-3 * fastest_rate(model, operating_point(model, position_m)) / LARGEST_STEP))
 
 

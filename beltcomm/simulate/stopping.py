@@ -174,6 +174,8 @@ def run_on_distance(speed_m_s: Array, torque_nm: float, friction_nm: float, iner
         Of the whole axis at the motor.
     ratio : float
         i_t, m/rad.
+    loss : HostLoss
+        Time for which the torque is held, and braking.
     """
     speed, held_s = np.maximum(speed_m_s, 0.0), loss.held_s
     acceleration = max(ratio * (max(torque_nm, loss.least_nm) - friction_nm) / inertia_kg_m2, 0.0)
@@ -203,6 +205,8 @@ def rigid_deceleration(axis: Axis, mass_kg: float, torque_nm: float, swing: floa
 
     Parameters
     ----------
+    axis : Axis
+        As its file states it.
     mass_kg : float
         Carriage and payload.
     torque_nm : float
@@ -220,40 +224,100 @@ def rigid_deceleration(axis: Axis, mass_kg: float, torque_nm: float, swing: floa
 
 
 def unknown_loads_kg(axis: Axis) -> tuple[float, ...]:
-    """Loads to count with until they are measured, kg, the lightest first."""
+    """Loads to count with until they are measured, kg, the lightest first.
+
+    Parameters
+    ----------
+    axis : Axis
+        Of any kind.
+
+    Returns
+    -------
+    tuple of float, kg
+        Without the motor side; behind a belt the same for every axis.
+    """
     if axis.transmission is None:
         return UNKNOWN_MASSES_KG
     return tuple(share * axis.motor_side_inertia_kg_m2 / axis.transmission_m_rad**2 for share in UNKNOWN_SHARES)
 
 
 def usual_load_kg(axis: Axis, of_belt_kg: float) -> float:
-    """Load that is thought of before anything tells, kg: the stated payload, or what an axis of this kind often has."""
+    """Load that is thought of before anything tells, kg: the stated payload, or what an axis of this kind often has.
+
+    Parameters
+    ----------
+    axis : Axis
+        Of any kind.
+    of_belt_kg : float, kg
+        That an axis with a belt often has.
+    """
     return axis.payload.mass_kg or (of_belt_kg if axis.transmission is None else unknown_loads_kg(axis)[len(UNKNOWN_SHARES) // 2])
 
 
 def first_deceleration(axis: Axis, torque_nm: float) -> Deceleration:
-    """Deceleration of a quick stop before the carriage is weighed: the heaviest one thought of, and a step that makes the belt swing."""
+    """Deceleration of a quick stop before the carriage is weighed: the heaviest one thought of, and a step that makes the belt swing.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    torque_nm : float, N m, motor shaft
+        Largest of the drive.
+    """
     peak = min(torque_nm, axis.motor.peak_torque_nm or math.inf)
     return rigid_deceleration(axis, max(unknown_loads_kg(axis)[-1], axis.payload.mass_kg or 0.0), peak, SWING)
 
 
 def total_inertia(model: Model) -> float:
-    """Inertia of a rigid axis at the motor shaft:  Θ_e + i_t² m, kg m²."""
+    """Inertia of a rigid axis at the motor shaft:  Θ_e + i_t² m, kg m².
+
+    Parameters
+    ----------
+    model : Model
+        With a carriage.
+    """
     return model["motor.inertia"] + model["transmission.ratio"] ** 2 * model["cart.mass"]
 
 
 def total_friction(model: Model) -> float:
-    """Coulomb friction of a rigid axis at the motor shaft:  τ_m + i_t F_c, N m."""
+    """Coulomb friction of a rigid axis at the motor shaft:  τ_m + i_t F_c, N m.
+
+    Parameters
+    ----------
+    model : Model
+        Effects that it does not have count as 0.
+    """
     return model.get("coulomb.level") + model["transmission.ratio"] * model.get("cart_friction.level")
 
 
 def total_viscous(model: Model) -> float:
-    """Viscous friction of a rigid axis at the motor shaft:  d_m + i_t² d_c, N m s/rad."""
+    """Viscous friction of a rigid axis at the motor shaft:  d_m + i_t² d_c, N m s/rad.
+
+    Parameters
+    ----------
+    model : Model
+        Effects that it does not have count as 0.
+    """
     return model.get("viscous.damping") + model["transmission.ratio"] ** 2 * model.get("viscous_cart.damping")
 
 
 def braked_by_friction(model: Model, friction_nm: float, reaction_s: float) -> Braking:
-    """Braking by Coulomb friction alone, of a rigid axis without torque:  a = i_t τ_C/J."""
+    """Braking by Coulomb friction alone, of a rigid axis without torque:  a = i_t τ_C/J.
+
+    Parameters
+    ----------
+    model : Model
+        For inertia and transmission.
+    friction_nm : float, N m, motor shaft
+        τ_C.
+    reaction_s : float, s
+        Until the torque is off.
+
+    Returns
+    -------
+    Braking
+        At the carriage.
+    """
     return Braking(model["transmission.ratio"] * friction_nm / total_inertia(model), reaction_s, reaction_s)
 
 
@@ -261,6 +325,24 @@ def braked_by_unknown_gains(model: Model, kp_nm_s_rad: float, ki_nm_rad: float, 
     """Braking by a velocity loop that was never designed for this axis, taken as rigid, along the ramp of a quick stop.
 
     J ω' + K_P ω + K_I φ = 0  swings out by less than  ω J/K_P  and  ω √(J/K_I).
+
+    Parameters
+    ----------
+    model : Model
+        For the inertia J.
+    kp_nm_s_rad : float, N m s/rad, motor shaft
+        K_P; 0 for none.
+    ki_nm_rad : float, N m/rad, motor shaft
+        K_I; 0 for none.
+    deceleration_m_s2 : float, m/s²
+        Of the ramp, at the carriage.
+    reaction_s : float, s
+        Until the stop begins.
+
+    Returns
+    -------
+    Braking
+        At the carriage.
     """
     inertia = total_inertia(model)
     lag = min(
@@ -337,11 +419,27 @@ def braked_by_loop(
 
     Parameters
     ----------
+    family : sequence of Model
+        Models that the axis may be.
+    cascade : Cascade
+        The controller.
+    axis : Axis
+        As its file states it.
     speed_m_s : float
         From which it is simulated, and from parts of it: the step at the end of a short ramp comes while the belt still swings from the one
         at its beginning, and along a long ramp a loop has time to catch up.
+    position_m : float, m
+        Carriage on the axis.
+    period_s : float, s
+        T of the controller.
     reaction_s : float
         Until the stop is asked for.
+    delay_s : float, s
+        Of the torque path.
+    torque_limit_nm : float, N m, motor shaft
+        Of the drive.
+    counts_per_rev : int
+        Of the encoder.
     """
     limit = axis.limits.feed_force_n or math.inf
     allowed = [rigid_deceleration(axis, model["cart.mass"], torque_limit_nm).value_m_s2 for model in family]
@@ -470,8 +568,16 @@ def predict_stop_out_of_move(
     ----------
     resting : SimulatedPlant
         Where the axis sets out; it stays there.
+    cascade : Cascade
+        The controller.
+    references : References
+        Of the move, for each run of the loop.
     at : int
         Run of the loop with which the setpoints end, at least 1.
+    drive : LoopDrive
+        Limits and steps of the drive.
+    reaction : StopReaction
+        Of the drive to setpoints that stay away.
 
     Raises
     ------

@@ -87,7 +87,7 @@ class Study:
     def key(self, number: int) -> str:
         """Of the member's definition: the same program finds the same result for the same key."""
         values = dict(self.values(number))
-        content = run_fingerprint(Path(self.runs[number])) if self.population is None else ""
+        content = _run_fingerprint(Path(self.runs[number])) if self.population is None else ""
         return _digest([self.fingerprint, values, content])
 
 
@@ -275,7 +275,7 @@ def _gains(told: Any) -> Cascade:
         raise UsageError(f"base.gains: {error}; every gain is a number") from error
 
 
-def run_fingerprint(run: Path) -> str:
+def _run_fingerprint(run: Path) -> str:
     """Of what a run holds that a diagnosis rests on: its axis, models, and which records of which size."""
     try:
         texts = [(p.name, read_text(p)) for p in [run / "axis.yaml", *sorted(run.glob("models/*.yaml"))] if p.is_file()]

@@ -58,6 +58,12 @@ def study_of(
 
     Parameters
     ----------
+    file : str or Path
+        Of the study.
+    out : Path
+        Folder of the results.
+    doing : Doing
+        Commands that a member may need.
     workers : int or None
         Processes, None for one per processor.
     scheduler : str or None
@@ -66,6 +72,8 @@ def study_of(
         So many more members at most; with 0 only what is known is said, also while another process computes.
     report : bool
         The page too.
+    talk : Talk or None
+        Hears progress; None says nothing.
 
     Raises
     ------
@@ -154,6 +162,12 @@ def one_member(file: str | Path, number: int, *, doing: Doing, out: Path | None 
 
     Parameters
     ----------
+    file : str or Path
+        Of the study.
+    number : int
+        Of the member, from 0.
+    doing : Doing
+        Commands that a member may need.
     out : Path or None
         Folder for its plant file, and for the run of one that is commissioned.
 

@@ -116,9 +116,9 @@ class Commissioned:
         try:
             made = self.doing.commission(f"virtual:{folder / 'plant.yaml'}", self.axis, run, options=options).to_json()
             if self.each == "commission":
-                return commission_quantities(made, truth)
+                return _commission_quantities(made, truth)
             if self.each == "compare":
-                return compare_quantities(compare_run(run, pictures=False).to_json())
+                return _compare_quantities(compare_run(run, pictures=False).to_json())
             return diagnosis_quantities(diagnose_run(run, cost=False).to_json(), str(values.get(HIDDEN, NOTHING)))
         except BeltcommError as error:  # the folder is another one every time
             error.args = (str(error).replace(str(folder), "MEMBER"), *error.args[1:])
@@ -137,7 +137,7 @@ class Fleet:
 
         run = Path(str(values["run"]))
         if self.each == "compare":
-            return compare_quantities(compare_run(run, pictures=False).to_json())
+            return _compare_quantities(compare_run(run, pictures=False).to_json())
         return diagnosis_quantities(diagnose_run(run, cost=False).to_json(), None)
 
     def described(self, values: Values) -> None:
@@ -145,7 +145,7 @@ class Fleet:
         return None
 
 
-def commission_quantities(made: Mapping[str, Any], truth: Model) -> dict[str, Any]:
+def _commission_quantities(made: Mapping[str, Any], truth: Model) -> dict[str, Any]:
     """Of a commissioning: the verdict, the errors, and for each parameter how far it is off, and whether its interval covers the truth."""
     verdict = made.get("verdict") or {}
     measured, predicted = verdict.get("measured") or {}, verdict.get("predicted") or {}
@@ -164,7 +164,7 @@ def commission_quantities(made: Mapping[str, Any], truth: Model) -> dict[str, An
     return found
 
 
-def compare_quantities(made: Mapping[str, Any]) -> dict[str, Any]:
+def _compare_quantities(made: Mapping[str, Any]) -> dict[str, Any]:
     """Of a comparison: error over noise, and where it is worst."""
     return {"ratio": made["ratio"]["overall"], "held_out": made["ratio"]["held_out"], "worst": [one["text"] for one in made["worst"][:1]]}
 
@@ -192,7 +192,7 @@ def lines_of(work: Work, members: Sequence[tuple[int, str, Values]]) -> list[dic
     return [line_of(work, *member) for member in members]
 
 
-def of_the_member(error: OSError | MemoryError, values: Values) -> bool:
+def _of_the_member(error: OSError | MemoryError, values: Values) -> bool:
     """True if a file of the run that is the member is in the way, and not this computer."""
     run, file = values.get("run"), getattr(error, "filename", None)
     full = getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT)
@@ -213,7 +213,7 @@ def line_of(work: Work, number: int, key: str, values: Values, folder: Path | No
     except BeltcommError as error:
         return {**line, "exit_code": error.exit_code, "error": str(error)}
     except (OSError, MemoryError) as error:
-        if of_the_member(error, values):
+        if _of_the_member(error, values):
             return {**line, "exit_code": DataError.exit_code, "error": f"its files cannot be read: {error}"}
         told = f"{type(error).__name__}: {error}".rstrip(": ")
         raise Refused(f"member {number} cannot be computed here ({told}); what is done is kept, the same command goes on") from error

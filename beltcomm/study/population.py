@@ -175,7 +175,7 @@ def population_from(data: Mapping[str, Any], model: Model, seed: int) -> Populat
     for name, told in _mapping(data.get("population"), "population").items():
         if name not in units:
             raise UsageError(f"population.{name} is nothing that this axis has{did_you_mean(name, units)}; it has {', '.join(units)}")
-        drawn[name] = distribution_from(told, f"population.{name}", units[name])
+        drawn[name] = _distribution_from(told, f"population.{name}", units[name])
         if drawn[name].kind == "tolerance" and name == "payload":
             raise UsageError("population.payload has no nominal value that a tolerance could be a share of; write uniform or choice")
     ageing = _mapping(data.get("ageing"), "ageing")
@@ -188,7 +188,7 @@ def population_from(data: Mapping[str, Any], model: Model, seed: int) -> Populat
             known = ", ".join(model.parameters)
             raise UsageError(f"ageing.when_old.{name} is no parameter of this axis{did_you_mean(name, model.parameters)}; it has {known}")
         old[name] = per_cent(told, f"ageing.when_old.{name}")
-    age = distribution_from(ageing["age"], "ageing.age", "1") if ageing else None
+    age = _distribution_from(ageing["age"], "ageing.age", "1") if ageing else None
     hidden = {str(name): _hidden(str(name), told, model) for name, told in _mapping(data.get("hidden"), "hidden").items()}
     return Population(drawn, seed, age, old, hidden)
 
@@ -212,12 +212,12 @@ def _hidden(name: str, told: Any, model: Model) -> dict[str, Distribution]:
         fixed = not isinstance(value, Mapping)
         where = f"hidden.{name}.{key}"
         found[f"{name}.{key}"] = (
-            Distribution("choice", (quantity(value, where, own[key]),)) if fixed else distribution_from(value, where, own[key])
+            Distribution("choice", (quantity(value, where, own[key]),)) if fixed else _distribution_from(value, where, own[key])
         )
     return found
 
 
-def distribution_from(told: Any, where: str, unit: str) -> Distribution:
+def _distribution_from(told: Any, where: str, unit: str) -> Distribution:
     """One distribution as a study file tells it, such as ``{uniform: [160 kN/m, 210 kN/m]}``.
 
     Raises

@@ -80,7 +80,7 @@ def track(ground: SharedInput, axis: DrawnAxis) -> dict[str, Any]:
     Refused
         Where the move leaves the travel, or the carriage what the model describes.
     """
-    moved = replace_start(ground.move, axis.start_m)
+    moved = _replace_start(ground.move, axis.start_m)
     first, last = float(moved.position_m.min()), float(moved.position_m.max())
     if first < ground.travel_m[0] or last > ground.travel_m[1]:
         raise Refused(
@@ -122,7 +122,7 @@ def track(ground: SharedInput, axis: DrawnAxis) -> dict[str, Any]:
     }
 
 
-def replace_start(move: Trajectory, start_m: float) -> Trajectory:
+def _replace_start(move: Trajectory, start_m: float) -> Trajectory:
     """Motion shifted to another place."""
     shift = start_m - float(move.position_m[0])
     return replace(move, position_m=move.position_m + shift) if shift else move

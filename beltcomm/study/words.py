@@ -100,7 +100,7 @@ def strongest(drivers: Sequence[Driver]) -> list[Driver]:
     return [one for key in dict.fromkeys(one.key for one in told) for one in [same for same in told if same.key == key][:DRIVERS]]
 
 
-def driver_text(one: Driver) -> str:
+def _driver_text(one: Driver) -> str:
     """Direction in which a parameter moves a result."""
     result = "meeting the targets" if one.key == "passed" else title_of(one.key)[0]
     way = "with" if one.rank_correlation > 0.0 else "against"
@@ -148,7 +148,7 @@ def summary_lines(asked: Study, summary: Summary, lines: Sequence[Mapping[str, A
     told = strongest(summary.drivers)
     if told:
         text.append("What drives it:")
-        text += [f"  {driver_text(one)}" for one in told]
+        text += [f"  {_driver_text(one)}" for one in told]
     elif summary.drivers:
         text.append("What drives it: cannot tell, every interval of a rank correlation holds zero")
     if summary.worst:

@@ -157,7 +157,7 @@ def compare() -> ClosedLoopStudy:
         tuple(runs),
         unstable,
         {
-            most: (saturated_move(model, cascade, most, windup=True), saturated_move(model, cascade, most, windup=False))
+            most: (_saturated_move(model, cascade, most, windup=True), _saturated_move(model, cascade, most, windup=False))
             for most in TIGHT_NM
         },
         {name: demand(path, model).feed_force_n for name, path in moved.items()},
@@ -203,7 +203,7 @@ def one(drive: Drive, rig: str, model: Model, figure: str, name: str, cascade: C
     ratio = model["transmission.ratio"]
     drive.write({key: value for key, value in cascade_to_parameters(cascade).items() if key in drive.backup()})
     here = ratio * drive.read(["position_rad"])["position_rad"]
-    path = with_rests(plan_trajectory(here, here + (TO_M - FROM_M), T_A, PERIOD_S))
+    path = _with_rests(plan_trajectory(here, here + (TO_M - FROM_M), T_A, PERIOD_S))
     expected = predict_move(model, cascade, path, Loop(drive.capabilities.structure, DELAY_S, PEAK_NM, COUNTS))
     cart = tracking_error(path.t_s, path.position_m, expected.cart_m)
     rows: list[Row] = []
@@ -223,13 +223,13 @@ def one(drive: Drive, rig: str, model: Model, figure: str, name: str, cascade: C
     safe = with_feedforward(rig, model, drive.capabilities.structure, gains(rig, "butterworth"), "nonlinear")
     drive.write({key: value for key, value in cascade_to_parameters(safe).items() if key in drive.backup()})
     at = ratio * drive.read(["position_rad"])["position_rad"]
-    drive.record(motion(with_rests(plan_trajectory(at, here, T_A, PERIOD_S)), ratio), limits(ratio), lambda _row: None)
+    drive.record(motion(_with_rests(plan_trajectory(at, here, T_A, PERIOD_S)), ratio), limits(ratio), lambda _row: None)
     beside = np.interp(t_s, expected.t_s, expected.cart_m)
     shown = (reference, position, beside, ratio * table[:, 4], torque)
     return SimulatedMove(figure, rig, name, motor, cart, expected.belt_force_n, largest, t_s, reference - position, "", *shown)
 
 
-def with_rests(path: Trajectory) -> Trajectory:
+def _with_rests(path: Trajectory) -> Trajectory:
     """A move with rest before and after it."""
     before, after = at_rest(float(path.position_m[0]), REST_S, PERIOD_S), at_rest(float(path.position_m[-1]), AFTER_S, PERIOD_S)
     return join((before, path, after))
@@ -245,7 +245,7 @@ def limits(ratio: float) -> Limits:
     return Limits(-0.05 / ratio, 0.75 / ratio, 3.0 / ratio, PEAK_NM, lag_rad=LOST_M / ratio, ratio_m_rad=ratio)
 
 
-def saturated_move(model: Model, cascade: Cascade, most_nm: float, windup: bool) -> Limited:
+def _saturated_move(model: Model, cascade: Cascade, most_nm: float, windup: bool) -> Limited:
     """T_B with the torque cut off, simulated.
 
     Parameters
@@ -253,7 +253,7 @@ def saturated_move(model: Model, cascade: Cascade, most_nm: float, windup: bool)
     windup : bool
         The controller does not know the limit, so that its integrator goes on (6.25); else it is set to meet the limit (6.26).
     """
-    path = with_rests(plan_trajectory(FROM_M, TO_M, T_B, PERIOD_S))
+    path = _with_rests(plan_trajectory(FROM_M, TO_M, T_B, PERIOD_S))
     structure = CascadeStructure("simulated", PERIOD_S)
     known = 1e6 if windup else most_nm
     cut = CutOff(model, most_nm)

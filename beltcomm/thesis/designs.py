@@ -171,7 +171,7 @@ def published_gains(plant: DesignPlant) -> dict[str, Cascade]:
     }
 
 
-def plant_in_motion(plant: DesignPlant) -> DesignPlant:
+def _plant_in_motion(plant: DesignPlant) -> DesignPlant:
     """G_A or G_B as the axis in motion shows it: the friction of table A.10, all at the motor, and some belt damping."""
     friction = MOVING_FRICTION[plant.name]
     name = f"{plant.name} moving"
@@ -265,7 +265,7 @@ def _achieved_rows(g_a: DesignPlant, published: dict[str, Cascade]) -> Iterator[
         yield _row(name, apparent, cascade, reasons[name])
     for name, cascade in published.items():
         why = "standstill friction posed as 40 mN m s/rad of damping (2.7); in motion there are 2.53, and half of the margin"
-        yield _row(name, plant_in_motion(g_a), cascade, why)
+        yield _row(name, _plant_in_motion(g_a), cascade, why)
     for name, cascade in published.items():
         bare = replace(cascade, prefilter=Prefilter())
         yield _row(f"{name} without its filter", apparent, bare, "what 5.1 reports: the resonance stands above 0 dB, the loop is unstable")
@@ -291,7 +291,7 @@ def _chosen_rows(plants: tuple[DesignPlant, ...], solved: tuple[Solved, ...], un
     request = replace(PRODUCT_SPECIFICATION, velocity_filters_s=LAGS_S)
     for plant in plants[:2]:
         apparent = replace(
-            plant_in_motion(plant),
+            _plant_in_motion(plant),
             motor_damping_nm_s_rad=plant.friction_damping_nm_s_rad,
             name=f"{plant.name}, apparent friction at the motor",
         )

@@ -72,11 +72,11 @@ def loop_results() -> Mapping[str, Mapping[str, LoopResult]]:
     made = {}
     for name, (length, limits) in MOVES.items():
         trajectory = plan_trajectory(0.05, 0.05 + length, limits, PERIOD_S)
-        made[name] = {variant: run_loop(model, trajectory, variant) for variant in VARIANTS}
+        made[name] = {variant: _run_loop(model, trajectory, variant) for variant in VARIANTS}
     return made
 
 
-def run_loop(model: Model, trajectory: Trajectory, variant: str) -> LoopResult:
+def _run_loop(model: Model, trajectory: Trajectory, variant: str) -> LoopResult:
     """Simulate one move from rest: position gain, velocity PI on the estimate, nonlinear feedforward (4.16), 1 ms dead time."""
     ratio = model["transmission.ratio"]
     settings = EstimatorSettings(period_s=PERIOD_S, lag_s=LAG_S)

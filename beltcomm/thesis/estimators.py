@@ -93,7 +93,7 @@ def compare() -> EstimatorStudy:
     saturated = trials.record_of(lambda t: 249.0 * t, 2.0 * period, settings)
     return EstimatorStudy(
         tables=tuple(trials.speed_table(replace(settings, period_s=p)) for p in PERIODS_S),
-        crossing=crossing_errors(settings),
+        crossing=_crossing_errors(settings),
         saturation_m_s=formulas.highest_speed_m_s(INCREMENT_M, TICK_S),
         saturation_read_m_s=float(np.max(saturated.gate)),
         shaking=trials.standstill_shaking(settings),
@@ -124,7 +124,7 @@ def compare() -> EstimatorStudy:
     )
 
 
-def crossing_errors(settings: EstimatorSettings) -> Crossing:
+def _crossing_errors(settings: EstimatorSettings) -> Crossing:
     """Worst errors of gate and event counter around 2 Δξ/T_s."""
     step, period = settings.increment_m, settings.period_s
     errors = [trials.steady_errors(r * step / period, settings) for r in RATIOS]

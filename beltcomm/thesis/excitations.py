@@ -121,7 +121,13 @@ class ExcitationStudy:
 
 
 def compare(axes: Sequence[ExcitedAxis] = ()) -> ExcitationStudy:
-    """Every kind on each axis, without one on both rigs, at equal time and inside the same limits."""
+    """Every kind on each axis, without one on both rigs, at equal time and inside the same limits.
+
+    Parameters
+    ----------
+    axes : sequence of ExcitedAxis
+        None compares on both rigs of the source.
+    """
     rows, spectra = [], {}
     own = [choose_prbs(PERIOD_S, *landmarks(axis), SECONDS) for axis in axes]
     axes = axes or [ExcitedAxis(name, load_plant(name).model) for name in PLANTS]

@@ -82,15 +82,15 @@ def compare() -> FrictionComparison:
     up = sorted(SHUFFLED)
     tenfold = [speed for speed in up for _ in range(REPEATS)]
     orders = (
-        measure_order("I", "slowest first", new, up, BARE),
-        measure_order("II", "fastest first", new, up[::-1], BARE),
-        measure_order("III", "sequence (A.1)", new, SHUFFLED, BARE),
-        measure_order("IV", f"as I, each {REPEATS} times", new, tenfold, BARE),
-        measure_order("V", "as I, after nine months", axis("g_b", worn=True), up, BARE),
-        measure_order("VI", "as V, with 11.2 kg", axis("g_a", worn=True), up, LOADED),
+        _measure_order("I", "slowest first", new, up, BARE),
+        _measure_order("II", "fastest first", new, up[::-1], BARE),
+        _measure_order("III", "sequence (A.1)", new, SHUFFLED, BARE),
+        _measure_order("IV", f"as I, each {REPEATS} times", new, tenfold, BARE),
+        _measure_order("V", "as I, after nine months", axis("g_b", worn=True), up, BARE),
+        _measure_order("VI", "as V, with 11.2 kg", axis("g_a", worn=True), up, LOADED),
     )
     viscous = new["viscous.damping"]
-    return FrictionComparison(orders, (viscous, total_coulomb(new)), viscous * (1.0 + COLD_SHARE))
+    return FrictionComparison(orders, (viscous, _total_coulomb(new)), viscous * (1.0 + COLD_SHARE))
 
 
 def axis(rig: str, worn: bool) -> Model:
@@ -102,12 +102,12 @@ def axis(rig: str, worn: bool) -> Model:
     return model.with_effect("stribeck", {"amount": STRIBECK_NM, "speed_scale": STRIBECK_RAD_S})
 
 
-def total_coulomb(model: Model) -> float:
+def _total_coulomb(model: Model) -> float:
     """Coulomb friction of motor and carriage at the motor, N m."""
     return model["coulomb.level"] + model["transmission.ratio"] * model["cart_friction.level"]
 
 
-def measure_order(name: str, what: str, model: Model, speeds: Sequence[float], limits: TrajectoryLimits) -> Order:
+def _measure_order(name: str, what: str, model: Model, speeds: Sequence[float], limits: TrajectoryLimits) -> Order:
     """Strokes both ways at each speed in position control, short ones where a whole stroke would take minutes; (3.36) fitted."""
     room = TO_M - FROM_M
     driven = [v for v in speeds if 2.0 * ramp_length_m(v, limits) + v * (RUN_IN_S + 0.11) <= room]
@@ -118,7 +118,7 @@ def measure_order(name: str, what: str, model: Model, speeds: Sequence[float], l
         strokes = constant_speed_strokes(
             FROM_M, TO_M, [speed], limits, PERIOD_S, run_in_s=RUN_IN_S, rest_s=REST_S, longest_plateau_s=RUN_IN_S + LONGEST_S
         )
-        passes = plateaus_at_speed(model, strokes.trajectory, clock, noise)
+        passes = _plateaus_at_speed(model, strokes.trajectory, clock, noise)
         plateaus += passes
         at.setdefault(speed, []).append(clock)
         clock += strokes.trajectory.duration_s
@@ -130,7 +130,7 @@ def measure_order(name: str, what: str, model: Model, speeds: Sequence[float], l
     return Order(name, what, len(set(driven)), clock / 60.0, fit, float(np.mean(left)), then)
 
 
-def plateaus_at_speed(model: Model, path: Trajectory, time_s: float, noise: np.random.Generator) -> tuple[Plateau, ...]:
+def _plateaus_at_speed(model: Model, path: Trajectory, time_s: float, noise: np.random.Generator) -> tuple[Plateau, ...]:
     """Plateaus of one speed as the drive would record them."""
     moved = predict_move(model, loop(model), path, Loop(CascadeStructure("simulated", PERIOD_S), DELAY_S, PEAK_NM, COUNTS), time_s=time_s)
     ratio = model["transmission.ratio"]
@@ -143,14 +143,14 @@ def loop(model: Model) -> Cascade:
     """The source's Butterworth gains with the reference behind the same lag, and a feedforward of inertia and Coulomb friction."""
     rig = model.name.lower()
     ratio = model["transmission.ratio"]
-    forward = Feedforward(model["motor.inertia"] + ratio**2 * model["cart.mass"], 0.0, total_coulomb(model))
+    forward = Feedforward(model["motor.inertia"] + ratio**2 * model["cart.mass"], 0.0, _total_coulomb(model))
     return replace(gains(rig, "butterworth"), feedforward=forward, filter_reference=True)
 
 
-def difference_words(base: str, base_worn: bool, rig: str, worn: bool) -> str:
+def _difference_words(base: str, base_worn: bool, rig: str, worn: bool) -> str:
     """Difference in construction between two axes, in words."""
     before, after = axis(base, base_worn), axis(rig, worn)
-    coulomb = total_coulomb(after) / total_coulomb(before) - 1.0
+    coulomb = _total_coulomb(after) / _total_coulomb(before) - 1.0
     return f"{100 * coulomb:+.1f} and {100 * (after['viscous.damping'] / before['viscous.damping'] - 1.0):+.1f} %"
 
 
@@ -180,8 +180,8 @@ def lines(study: FrictionComparison) -> list[str]:
         f"{'':4} {'true, warm':26} {'':12} {1e3 * study.warm[0]:8.3f} {'':8} {study.warm[1]:9.4f}; cold {1e3 * study.cold_viscous:.3f}",
         f"II against I: {change('II', 'I')} by the order alone: fast strokes meet a cold axis or a warm one.  Order (A.1) mixes both, so "
         "that the drift shows in what is left over and not in d_v alone",
-        f"V against I, nine months: {change('V', 'I')} ({difference_words('g_b', False, 'g_b', True)} built in)",
-        f"VI against V, 11.2 kg more: {change('VI', 'V')} ({difference_words('g_b', True, 'g_a', True)} built in, table A.10)",
+        f"V against I, nine months: {change('V', 'I')} ({_difference_words('g_b', False, 'g_b', True)} built in)",
+        f"VI against V, 11.2 kg more: {change('VI', 'V')} ({_difference_words('g_b', True, 'g_a', True)} built in, table A.10)",
         "(3.36) has no Stribeck effect, which still acts beyond 10 mm/s: it makes tau_c larger and d_v smaller in every order.  Without "
         "it order IV reads 2.236 of 2.241 mN m s/rad, and VI against V +8.6 % Coulomb, +13.8 % viscous",
         "Speeds whose ramps the belt does not bear are left out",

@@ -78,14 +78,28 @@ class LoopRig:
     strong: Cascade = STRONG
 
 
-def source_rig() -> LoopRig:
+def _source_rig() -> LoopRig:
     """G_A of the source."""
     return LoopRig(PLANT, load_plant(PLANT).model)
 
 
 def own_rig(model: Model, antiresonance_rad_s: float, amplitude_nm: float, low_m: float, high_m: float, counts: int) -> LoopRig:
-    """An axis of one's own: the source's loops at the same crossover, and its speed where the travel has room for the record."""
-    share = total_inertia(model) / total_inertia(source_rig().model)
+    """An axis of one's own: the source's loops at the same crossover, and its speed where the travel has room for the record.
+
+    Parameters
+    ----------
+    model : Model
+        Of the axis.
+    antiresonance_rad_s : float, rad/s
+        Of the belt, for the prefilter.
+    amplitude_nm : float, N m, motor shaft
+        Of the excitation.
+    low_m, high_m : float, m
+        Ends of the travel.
+    counts : int
+        Encoder counts per turn of the motor.
+    """
+    share = total_inertia(model) / total_inertia(_source_rig().model)
     weak, strong = (replace(one, kp_nm_s_rad=share * one.kp_nm_s_rad, ki_nm_rad=share * one.ki_nm_rad) for one in (WEAK, STRONG))
     strong = replace(strong, prefilter=Prefilter("butterworth", antiresonance_rad_s))
     room, seconds = high_m - low_m, prbs(ORDER, CLOCK, 1.0, PERIOD_S, PERIODS).duration_s
@@ -184,14 +198,20 @@ class Record:
 
 
 def compare(rig: LoopRig | None = None) -> IdentificationStudy:
-    """All ways on one axis, without one on that of the source."""
-    rig = rig or source_rig()
+    """All ways to identify in closed loop on one axis.
+
+    Parameters
+    ----------
+    rig : LoopRig or None
+        None for the source's.
+    """
+    rig = rig or _source_rig()
     model, weak, strong = rig.model, rig.weak, rig.strong
     signal = prbs(ORDER, CLOCK, 2.0 * rig.amplitude_nm, PERIOD_S, PERIODS)
-    stands = open_loop(rig, prbs(ORDER, CLOCK, 2.0 * rig.amplitude_nm, PERIOD_S, 2 * max(AVERAGED)), SEED)
+    stands = _open_loop(rig, prbs(ORDER, CLOCK, 2.0 * rig.amplitude_nm, PERIOD_S, 2 * max(AVERAGED)), SEED)
     loud = closed_loop(rig, signal, "torque", 1.0, weak)
-    moves, asked = without_reversal(rig, signal, "torque", weak), without_reversal(rig, signal, "setpoint", weak)
-    held = without_reversal(rig, signal, "torque", strong)
+    moves, asked = _without_reversal(rig, signal, "torque", weak), _without_reversal(rig, signal, "setpoint", weak)
+    held = _without_reversal(rig, signal, "torque", strong)
     at = operating_point(model, rig.stands_m, 1.0)
 
     def judge(name: str, found: FrequencyResponse, record: Record) -> Way:
@@ -206,32 +226,32 @@ def compare(rig: LoopRig | None = None) -> IdentificationStudy:
             name, loudness, found, float(np.mean(off[low])), mean, float(np.std(off[high])), fit.mass_kg, _friction(fit), record.reversed
         )
 
-    direct = angle_response(moves, moves.torque)
-    through, by_setpoint = angle_response(moves, moves.excitation), angle_response(asked, asked.excitation)
+    direct = _angle_response(moves, moves.torque)
+    through, by_setpoint = _angle_response(moves, moves.excitation), _angle_response(asked, asked.excitation)
     controller = feedback(weak, through.freq_hz, PERIOD_S, "velocity")
-    stronger = angle_response(held, held.excitation)
+    stronger = _angle_response(held, held.excitation)
     hold = feedback(strong, stronger.freq_hz, PERIOD_S, "velocity")
     path = setpoint_path(weak, by_setpoint.freq_hz, PERIOD_S)
     ways = (
-        judge("open loop, standing", angle_response(stands, stands.torque), stands),
-        judge("direct, as loud", angle_response(loud, loud.torque), loud),
+        judge("open loop, standing", _angle_response(stands, stands.torque), stands),
+        judge("direct, as loud", _angle_response(loud, loud.torque), loud),
         judge("direct", direct, moves),
-        judge("indirect, C as it runs", without_dead_time(from_torque_excitation(through, controller)), moves),
-        judge("indirect, C continuous", without_dead_time(from_torque_excitation(through, continuous(weak, through.freq_hz))), moves),
-        judge("indirect, C 20 % off", without_dead_time(from_torque_excitation(through, WRONG * controller)), moves),
-        judge("strong loop, direct", angle_response(held, held.torque), held),
-        judge("strong loop, indirect", without_dead_time(from_torque_excitation(stronger, hold)), held),
-        judge("strong, C 20 % off", without_dead_time(from_torque_excitation(stronger, WRONG * hold)), held),
+        judge("indirect, C as it runs", _without_dead_time(from_torque_excitation(through, controller)), moves),
+        judge("indirect, C continuous", _without_dead_time(from_torque_excitation(through, continuous(weak, through.freq_hz))), moves),
+        judge("indirect, C 20 % off", _without_dead_time(from_torque_excitation(through, WRONG * controller)), moves),
+        judge("strong loop, direct", _angle_response(held, held.torque), held),
+        judge("strong loop, indirect", _without_dead_time(from_torque_excitation(stronger, hold)), held),
+        judge("strong, C 20 % off", _without_dead_time(from_torque_excitation(stronger, WRONG * hold)), held),
         judge(
             "speed setpoint",
-            without_dead_time(from_setpoint_excitation(by_setpoint, feedback(weak, by_setpoint.freq_hz, PERIOD_S, "velocity"), path)),
+            _without_dead_time(from_setpoint_excitation(by_setpoint, feedback(weak, by_setpoint.freq_hz, PERIOD_S, "velocity"), path)),
             asked,
         ),
     )
     freq = ways[0].response.freq_hz
     resonance = min(m.freq_hz for m in modes(model, at))
     lag = dead_time_between(
-        angle_response(stands, stands.setpoint), angle_response(stands, stands.torque), lowest_hz=2.0, highest_hz=resonance
+        _angle_response(stands, stands.setpoint), _angle_response(stands, stands.torque), lowest_hz=2.0, highest_hz=resonance
     )
     return IdentificationStudy(
         ways,
@@ -239,18 +259,18 @@ def compare(rig: LoopRig | None = None) -> IdentificationStudy:
         sampled_response(model, at, freq, PERIOD_S),
         feedback(weak, freq, PERIOD_S, "velocity"),
         lag,
-        averaging_differences(stands),
+        _averaging_differences(stands),
         model["cart.mass"],
         total_viscous(model),
-        angle_response(moves, moves.setpoint),
+        _angle_response(moves, moves.setpoint),
         direct,
         rig.name,
         rig.speed_m_s,
-        {amplitude: source_fit(rig, amplitude) for amplitude in READINGS_NM},
+        {amplitude: _source_fit(rig, amplitude) for amplitude in READINGS_NM},
     )
 
 
-def source_fit(rig: LoopRig, amplitude_nm: float) -> TwoMass:
+def _source_fit(rig: LoopRig, amplitude_nm: float) -> TwoMass:
     """Log-magnitude fit of the source to its own PRBS of ±amplitude on the standing axis: what (3.4) is read as decides."""
     signal = prbs(FINE_ORDER, FINE_CLOCK, 2.0 * amplitude_nm, FINE_S, FINE_PERIODS)
     moved = simulate_torque(rig.model, signal.torque, FINE_S, rig.stands_m)
@@ -266,12 +286,12 @@ def _friction(two: TwoMass) -> float:
     return two.transmission_m_rad**2 * (two.motor_damping_n_s_m + two.cart_damping_n_s_m)
 
 
-def open_loop(rig: LoopRig, signal: Excitation, seed: int) -> Record:
+def _open_loop(rig: LoopRig, signal: Excitation, seed: int) -> Record:
     """The axis at rest under an excitation alone."""
-    return record_run(rig, signal.torque, lambda n, _angle: float(signal.torque[n]), signal, moving=False, seed=seed)
+    return _record_run(rig, signal.torque, lambda n, _angle: float(signal.torque[n]), signal, moving=False, seed=seed)
 
 
-def without_reversal(rig: LoopRig, signal: Excitation, inject: Inject, cascade: Cascade) -> Record:
+def _without_reversal(rig: LoopRig, signal: Excitation, inject: Inject, cascade: Cascade) -> Record:
     """The loudest record in which the motor turns one way only: what the closed loop is for."""
     share = 1.0
     while (found := closed_loop(rig, signal, inject, share, cascade)).reversed:
@@ -294,10 +314,10 @@ def closed_loop(rig: LoopRig, signal: Excitation, inject: Inject, share: float, 
         added = (float(excitation[n]), 0.0) if inject == "torque" else (0.0, float(excitation[n]))
         return float(velocity_step(coefficients, state, speed + added[1], 0.0, angle, added[0]))
 
-    return record_run(rig, excitation, control, signal, moving=True, seed=SEED)
+    return _record_run(rig, excitation, control, signal, moving=True, seed=SEED)
 
 
-def record_run(
+def _record_run(
     rig: LoopRig, excitation: Array, control: Callable[[int, float], float], signal: Excitation, *, moving: bool, seed: int
 ) -> Record:
     """Record of a run as a drive shows it: counted angle, acting torque with noise; a setpoint acts one period after it was worked out."""
@@ -319,12 +339,12 @@ def record_run(
     return Record(torque + noise, setpoint, position, excitation, signal, turned)
 
 
-def angle_response(record: Record, torque: Array) -> FrequencyResponse:
+def _angle_response(record: Record, torque: Array) -> FrequencyResponse:
     """The response of the angle to one of the record's signals."""
     return estimate_response(torque, record.position, PERIOD_S, record.signal.period_samples, record.signal.first_sample)
 
 
-def without_dead_time(found: FrequencyResponse) -> FrequencyResponse:
+def _without_dead_time(found: FrequencyResponse) -> FrequencyResponse:
     """A response from the setpoint as one from the acting torque: the known dead time taken into the prefilter V_1 = z⁻ⁿ (3.4)."""
     return replace(found, h=found.h * np.exp(2j * np.pi * found.freq_hz * DELAY * PERIOD_S))
 
@@ -335,7 +355,7 @@ def continuous(cascade: Cascade, freq_hz: Array) -> ComplexArray:
     return np.asarray(s / (1.0 + cascade.velocity_filter_s * s) * (cascade.kp_nm_s_rad + cascade.ki_nm_rad / s))
 
 
-def averaging_differences(record: Record) -> dict[int, float]:
+def _averaging_differences(record: Record) -> dict[int, float]:
     """Scatter of the mean over n periods, relative to one period's; 1/√n for noise alone."""
     signal = record.signal
     found = scatter_of_mean(

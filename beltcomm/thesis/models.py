@@ -80,7 +80,7 @@ def compare() -> ModelStudy:
     rig = load_plant("egc_70").model
     at = {place: operating_point(rig, place, 1.0) for place in PLACES_M}
     s_a = sets["S_A"]
-    fine = above_500()
+    fine = _above_500()
     true = state_space(smooth(), operating_point(smooth(), 0.3, 1.0))
     averaged = {n: relative(h, true.sampled(f, FINE_S)[:, 0]) for n, (f, h) in fine.items()}
     held = {place: min(m.freq_hz for m in modes(rig, point, held=("motor",))) for place, point in at.items()}
@@ -131,7 +131,7 @@ def smooth() -> Model:
     return load_plant("g_a").model.with_values({"coulomb.level": 0.0, "cart_friction.level": 0.0})
 
 
-def above_500() -> dict[int, tuple[Array, ComplexArray]]:
+def _above_500() -> dict[int, tuple[Array, ComplexArray]]:
     """Frequency response above 500 Hz at 16 kHz from one and from ten periods; an encoder's rounding is the noise."""
     signal = prbs(ORDER, CLOCK, 2.0 * AMPLITUDE_NM, FINE_S, AVERAGED)
     moved = simulate_torque(smooth(), signal.torque, FINE_S, 0.3)
@@ -140,13 +140,13 @@ def above_500() -> dict[int, tuple[Array, ComplexArray]]:
     angle = step * np.floor(moved.position_rad / step + rng.random(len(moved.position_rad)))  # dithered by the shaft's own shake
     found = {}
     for n in (1, AVERAGED):
-        f, h = mean_response(signal, angle, n)
+        f, h = _mean_response(signal, angle, n)
         here = (f >= ABOVE_HZ[0]) & (f <= ABOVE_HZ[1])
         found[n] = (f[here], h[here])
     return found
 
 
-def mean_response(signal: Excitation, angle: Array, periods: int) -> tuple[Array, ComplexArray]:
+def _mean_response(signal: Excitation, angle: Array, periods: int) -> tuple[Array, ComplexArray]:
     """Response from so many periods; for one the first of two, because an estimate needs its noise."""
     if periods >= 2:
         whole = estimate_response(signal.torque, angle, FINE_S, signal.period_samples, signal.first_sample)
@@ -187,7 +187,7 @@ def lines(study: ModelStudy) -> list[str]:
         + "; ".join(f"at {place:.2f} m f_r {r:.1f}, f_z {z:.1f} Hz" for place, (r, z) in study.place_modes.items())
         + " (rig of the data sheets, three masses and coupling)",
         f"      its next mode lies at {study.third_mode_hz:.0f} Hz (end pulley)",
-        f"2.10  torque to cart has no antiresonance: |G| at f_z of S_A {attenuation(study):.1f} dB above torque to motor",
+        f"2.10  torque to cart has no antiresonance: |G| at f_z of S_A {_attenuation(study):.1f} dB above torque to motor",
         f"3.7   above 500 Hz at 16 kHz: median error of one period {100 * study.averaged[1]:.1f} %, of {AVERAGED} "
         f"{100 * study.averaged[AVERAGED]:.1f} %: {study.averaged[1] / study.averaged[AVERAGED]:.2f} times less "
         f"(√{AVERAGED} = {math.sqrt(AVERAGED):.2f}); a sampled response ends at 1/(2 T_s), 3.2 prints 2/T_s (erratum 3)",
@@ -197,7 +197,7 @@ def lines(study: ModelStudy) -> list[str]:
     return said
 
 
-def attenuation(study: ModelStudy) -> float:
+def _attenuation(study: ModelStudy) -> float:
     """Level of the carriage's response above the motor's at the antiresonance of S_A, dB."""
     at = int(np.argmin(np.abs(FREQ_HZ - study.recomputed["S_A"][1])))
     motor, cart = study.cart["torque to motor, times i_t"], study.cart["torque to cart (2.48)"]

@@ -38,7 +38,24 @@ NEAR_DB = 1.0
 
 
 def models(axis: Axis, model: Model, plant: DesignPlant, records: Sequence[Recording]) -> _Told:
-    """(2.26), (2.38) to (2.49), figures 2.4 to 2.10, 3.7 and 3.9: belt, approximations, carriage; scatter and lines of the own records."""
+    """(2.26), (2.38) to (2.49), figures 2.4 to 2.10, 3.7 and 3.9: belt, approximations, carriage; scatter and lines of the own records.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    model : Model
+        Of the run.
+    plant : DesignPlant
+        Two masses of the model.
+    records : sequence of Recording
+        Of the run.
+
+    Returns
+    -------
+    _Told
+        Data for ``--json``, and lines.
+    """
     two = two_mass_of(plant)
     text = [
         f"f_r {two.resonance_hz:.2f} Hz (2.44), f_z {two.antiresonance_hz:.2f} Hz (2.45), inertia ratio κ {two.inertia_ratio:.3g} (2.46); "
@@ -82,7 +99,22 @@ def models(axis: Axis, model: Model, plant: DesignPlant, records: Sequence[Recor
 
 
 def curves(axis: Axis, model: Model, plant: DesignPlant) -> dict[str, tuple[str, dict[str, ComplexArray]]]:
-    """Responses of figures 2.7, 2.9 and 2.10 at FREQ_HZ: file name to title and curves."""
+    """Responses of figures 2.7, 2.9 and 2.10 at FREQ_HZ: file name to title and curves.
+
+    Parameters
+    ----------
+    axis : Axis
+        For the ends of its travel.
+    model : Model
+        Of the run.
+    plant : DesignPlant
+        Two masses of the model.
+
+    Returns
+    -------
+    dict of str to tuple of str and dict of str to ndarray of complex
+        rad/(N m), and m/(N m) for the carriage.
+    """
     two, (low, high) = two_mass_of(plant), axis.travel.ends_m
     exact = {"(2.39) exact": two.torque_to_angle_without_belt_damper(), "(2.40) low": two.low_frequency()}
     exact |= {"(2.41) high": two.high_frequency(), "(2.42) product": two.product_form()}
@@ -130,7 +162,22 @@ def _of_records(records: Sequence[Recording], resonance_hz: float) -> tuple[list
 
 
 def discretised(plant: DesignPlant, cascade: Cascade, period_s: float) -> _Told:
-    """(4.4) to (4.6), (6.1), (6.25): the run's own gains, discrete against continuous, at its own sampling and others."""
+    """(4.4) to (4.6), (6.1), (6.25): the run's own gains, discrete against continuous, at its own sampling and others.
+
+    Parameters
+    ----------
+    plant : DesignPlant
+        Two masses of the model.
+    cascade : Cascade
+        Of the run.
+    period_s : float, s
+        Of the drive's loops.
+
+    Returns
+    -------
+    _Told
+        Data for ``--json``, and lines.
+    """
     found = thesis_margins(plant, cascade)
     design = ThesisDesign(cascade, found.crossover_rad_s, found.position_crossover_rad_s)
     periods = sorted({period_s, *discretisation.PERIODS_S[-1:]})
@@ -143,7 +190,30 @@ def discretised(plant: DesignPlant, cascade: Cascade, period_s: float) -> _Told:
 def moves(
     plant: DesignPlant, model: Model, path: Trajectory, structure: CascadeStructure, own: Cascade, loop: Loop, apparent_nm_s_rad: float
 ) -> _Told:
-    """Figures 5.1 to 5.4 on the own move: prefilter, feedforward, filter removed, reference behind the same lag; predicted."""
+    """Figures 5.1 to 5.4 on the own move: prefilter, feedforward, filter removed, reference behind the same lag; predicted.
+
+    Parameters
+    ----------
+    plant : DesignPlant
+        Two masses of the model.
+    model : Model
+        Of the run.
+    path : Trajectory
+        Of the carriage.
+    structure : CascadeStructure
+        Of the drive's loops.
+    own : Cascade
+        Design of the run.
+    loop : Loop
+        Of the drive, with dead time and limits.
+    apparent_nm_s_rad : float, N m s/rad, motor shaft
+        Viscous friction around standstill.
+
+    Returns
+    -------
+    _Told
+        Data for ``--json``, and lines.
+    """
     text = [f"  {'figure':6} {'':46} {'motor, mm':>10} {'at rest':>8} {'load, mm':>9} {'torque':>9}"]
     rows: list[dict[str, Any]] = []
     friction = {

@@ -78,7 +78,19 @@ def thesis(topic: str | None = None, *, pictures: Place | None = None, command: 
 
 
 def draw_figures(topic: str, study: Any, folder: Path, command: str) -> list[str]:
-    """The figures of a topic as PNG; their paths."""
+    """The figures of a topic as PNG; their paths.
+
+    Parameters
+    ----------
+    topic : str
+        Key of :data:`TOPICS`.
+    study : Any
+        Result of the topic.
+    folder : Path
+        Where they are written.
+    command : str
+        Command line, for the caption.
+    """
     from beltcomm.report.style import Caption
 
     report = importlib.import_module(f"beltcomm.thesis.figures.{topic.replace('-', '_')}")
@@ -87,6 +99,13 @@ def draw_figures(topic: str, study: Any, folder: Path, command: str) -> list[str
 
 def save_figures(figures: Mapping[str, Figure], folder: Path) -> list[str]:
     """Figures as PNG; their paths.
+
+    Parameters
+    ----------
+    figures : mapping of str to Figure
+        By the names of their files.
+    folder : Path
+        Where they are written; it is made.
 
     Raises
     ------

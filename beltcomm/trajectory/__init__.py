@@ -120,6 +120,10 @@ def plan_trajectory(
     limits : TrajectoryLimits
         At the carriage.
     sample_period_s : float, s
+    start_velocity_m_s, end_velocity_m_s : float, m/s
+        Of the carriage.
+    start_acceleration_m_s2, end_acceleration_m_s2 : float, m/s²
+        Of the carriage.
 
     Returns
     -------
@@ -214,6 +218,11 @@ def at_rest(position_m: float, duration_s: float, sample_period_s: float) -> Tra
 def join(parts: Sequence[Trajectory]) -> Trajectory:
     """One motion after the other; the last sample of each is the first of the next.
 
+    Parameters
+    ----------
+    parts : sequence of Trajectory
+        In their order.
+
     Raises
     ------
     ValueError
@@ -252,6 +261,8 @@ def constant_speed_strokes(
         Positive; the plateau may be slower by up to one sample period in the plateau's length, its own speed stands beside it.
     limits : TrajectoryLimits
         Jerk and acceleration of the ramps.
+    sample_period_s : float, s
+        Sampling period.
     run_in_s : float, s
         Left out at the beginning of each plateau.
     rest_s : float, s
@@ -314,6 +325,8 @@ def load_move(path: Path | str, sample_period_s: float, axis: Axis | None = None
 
     Parameters
     ----------
+    path : Path or str
+        Of the file.
     sample_period_s : float, s
         Of the result.
     axis : Axis or None
@@ -355,6 +368,8 @@ def torque_of_move(path: Path | str, sample_period_s: float) -> Array | None:
 
     Parameters
     ----------
+    path : Path or str
+        Of the file.
     sample_period_s : float, s
         Of the result, which ends with a rest as long as :func:`load_move`'s motion is followed by one.
     """

@@ -118,7 +118,7 @@ def fastest(task: Task) -> tuple[Array, Array] | None:
     return best[0] * time, best[1] * max(task.rise, task.fall)  # the unit of the jerk is the larger one
 
 
-def to_speed(task: Task, speed: float, *, top: bool = False) -> tuple[list[float], list[float]]:
+def _to_speed(task: Task, speed: float, *, top: bool = False) -> tuple[list[float], list[float]]:
     """Fastest way from (v0, a0) of the task to (speed, 0): three durations and three jerks.
 
     Parameters
@@ -137,10 +137,10 @@ def to_speed(task: Task, speed: float, *, top: bool = False) -> tuple[list[float
     return [(peak - a0) / first, max(held, 0.0), peak / second], [sign * first, 0.0, -sign * second]
 
 
-def from_speed(task: Task, speed: float, *, top: bool = False) -> tuple[list[float], list[float]]:
+def _from_speed(task: Task, speed: float, *, top: bool = False) -> tuple[list[float], list[float]]:
     """Fastest way from (speed, 0) to (v1, a1) of the task: the way there with time running backwards."""
     back = Task(0.0, task.v1, -task.a1, 0.0, 0.0, task.v_low, task.v_high, -task.a_high, -task.a_low, task.rise, task.fall)
-    durations, jerks = to_speed(back, speed, top=top)
+    durations, jerks = _to_speed(back, speed, top=top)
     return durations[::-1], jerks[::-1]
 
 
@@ -152,7 +152,7 @@ def motion_of_duration(task: Task, duration: float) -> tuple[Array, Array] | Non
     begin = np.array([0.0, task.v0, task.a0])
 
     def made(speed: float) -> tuple[Array, Array]:
-        (before, up), (after, down) = to_speed(task, speed), from_speed(task, speed)
+        (before, up), (after, down) = _to_speed(task, speed), _from_speed(task, speed)
         return np.array([*before, duration - sum(before) - sum(after), *after]), np.array([*up, 0.0, *down])
 
     def left(speed: float) -> float:
@@ -229,8 +229,8 @@ def _guesses(task: Task) -> Iterator[tuple[Array, list[int]]]:
     # one rise all the way: there the extreme accelerations are not determined
     yield np.array([(a1 - a0) / rise, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]), [0]
     if task.v_high != 0.0:
-        before, _ = to_speed(task, task.v_high, top=True)
-        after, _ = from_speed(task, task.v_high, top=True)
+        before, _ = _to_speed(task, task.v_high, top=True)
+        after, _ = _from_speed(task, task.v_high, top=True)
         with_top = np.array([*before, 0.0, *after])
         way = states(np.array([0.0, task.v0, a0]), _jerks(task), with_top)[-1, 0]
         with_top[3] = (task.distance - way) / task.v_high

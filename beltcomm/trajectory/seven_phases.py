@@ -201,6 +201,8 @@ def fastest_motion(start: MotionState, end: MotionState, bounds: MotionBounds) -
     ----------
     start, end : MotionState
         At the carriage; inside the bounds, also while their acceleration comes to zero before the start or after the end.
+    bounds : MotionBounds
+        Each way.
 
     Raises
     ------

@@ -151,7 +151,7 @@ class Bench:
         """Range of each slider while the others stay, and advice where the setting has no design."""
         prefilter, lag, plants = self._prefilter(setting), setting.velocity_filter_s, self._plants(setting.payload_kg)
         table = self.once(("table", setting.payload_kg, prefilter, lag), lambda: table_of(plants, prefilter, lag))
-        return reach_of(table, setting, plants, prefilter)
+        return _reach_of(table, setting, plants, prefilter)
 
     def start(self, payload_kg: float, position_m: float) -> SliderSetting:
         """The setting at which the sliders give the run's present design, as nearly as they can."""
@@ -268,7 +268,7 @@ def table_of(plants: KnobPlants, prefilter: Prefilter, velocity_filter_s: float)
     return FeasibilityTable(margins, suppressions, np.array(rows))
 
 
-def reach_of(table: FeasibilityTable, setting: SliderSetting, plants: KnobPlants, prefilter: Prefilter) -> Reach:
+def _reach_of(table: FeasibilityTable, setting: SliderSetting, plants: KnobPlants, prefilter: Prefilter) -> Reach:
     """Reach of the knobs of a setting.
 
     Parameters

@@ -40,7 +40,15 @@ class TuningChange:
 
 
 def changes(present: tuple[Cascade, WorstMargins], new: tuple[Cascade, WorstMargins]) -> tuple[TuningChange, ...]:
-    """Gains, margins of the least favourable variant and bandwidths."""
+    """Gains, margins of the least favourable variant and bandwidths of two designs against each other.
+
+    Parameters
+    ----------
+    present : tuple of Cascade and WorstMargins
+        Controller and margins of the run's design.
+    new : tuple of Cascade and WorstMargins
+        Controller and margins of the sliders.
+    """
     (old, was), (cascade, worst) = present, new
     return (
         TuningChange("velocity gain Kp", "mN m s/rad", 1e3 * old.kp_nm_s_rad, 1e3 * cascade.kp_nm_s_rad, None),
@@ -57,7 +65,15 @@ def changes(present: tuple[Cascade, WorstMargins], new: tuple[Cascade, WorstMarg
 
 
 def error_changes(present: TrackingError, new: TrackingError) -> tuple[TuningChange, ...]:
-    """Predicted errors of the move at the motor."""
+    """Predicted errors of the move at the motor, of two designs against each other.
+
+    Parameters
+    ----------
+    present : TrackingError, m
+        By the run's design.
+    new : TrackingError, m
+        By the sliders.
+    """
     return (
         _judged("predicted following error", "mm", 1e3 * present.dynamic_m, 1e3 * new.dynamic_m, False, SAME_PRODUCT),
         _judged("predicted settled error", "mm", 1e3 * present.static_m, 1e3 * new.static_m, False, SAME_PRODUCT),
@@ -65,7 +81,13 @@ def error_changes(present: TrackingError, new: TrackingError) -> tuple[TuningCha
 
 
 def sentence(found: Sequence[TuningChange]) -> str:
-    """Differences, largest numbers of interest first, in one line."""
+    """Differences, largest numbers of interest first, in one line.
+
+    Parameters
+    ----------
+    found : sequence of TuningChange
+        Differences, in the order of their interest.
+    """
     told = [change for change in found if change.better is not None and not change.same]
     if not told:
         return "Nothing changed against the present design."

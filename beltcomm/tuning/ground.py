@@ -126,7 +126,20 @@ def key_of(prefilter: Prefilter, centre_rad_s: float) -> str:
 
 
 def setting_from(data: Any, ground: DesignInput) -> SliderSetting:
-    """The controls as a program sent them.   Raises UsageError, naming the entry, for anything missing, of another kind or out of range."""
+    """The controls as a program sent them.
+
+    Parameters
+    ----------
+    data : Any
+        Entries of a :class:`SliderSetting`.
+    ground : DesignInput
+        For the ends of the travel.
+
+    Raises
+    ------
+    UsageError
+        For anything missing, of another kind or out of range, naming the entry.
+    """
     if not isinstance(data, dict) or set(data) != {field.name for field in fields(SliderSetting)}:
         raise UsageError(f"the controls are {', '.join(field.name for field in fields(SliderSetting))}; send these and no others")
     low, high = ground.ends_m

@@ -71,7 +71,21 @@ class Preset:
 def preset(bench: Bench, setting: SliderSetting, kind: str, pace: str) -> Preset:
     """One starting point for the payload of a setting; none that would be no faster than the pace before it on this axis.
 
-    Raises KeyError for a kind or pace that there is not.
+    Parameters
+    ----------
+    bench : Bench
+        On which it is designed.
+    setting : SliderSetting
+        For its payload.
+    kind : str
+        Key of the kinds of design.
+    pace : str
+        Key of :data:`PACES`.
+
+    Raises
+    ------
+    KeyError
+        For a kind or pace that there is not.
     """
     found, order = _alone(bench, setting, kind, pace), [one.key for one in PACES]
     for slower in order[: order.index(pace)]:

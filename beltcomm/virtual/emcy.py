@@ -26,7 +26,7 @@ class Code:
     HOMING = 0x8A80
 
 
-def register_bits(code: int) -> int:
+def _register_bits(code: int) -> int:
     """Bits of 1001h for an error code: generic always, and the group of its first digits."""
     if code >> 8 in (0x80, 0x81, 0x82):
         return GENERIC | (COMMUNICATION if code >> 8 != 0x80 else PROFILE)
@@ -58,7 +58,7 @@ class ErrorRegister:
         if code in self._active:
             return
         self._active.add(code)
-        self._register.value |= register_bits(code)
+        self._register.value |= _register_bits(code)
         self._error_code.value = code
         self._note(code)
         self._send(struct.pack("<HB5x", code, self._register.value))
@@ -66,7 +66,7 @@ class ErrorRegister:
     def report(self, code: int) -> None:
         """Something went wrong once and is over: a message and a line in the list, no fault."""
         self._note(code)
-        self._send(struct.pack("<HB5x", code, self._register.value | register_bits(code)))
+        self._send(struct.pack("<HB5x", code, self._register.value | _register_bits(code)))
 
     def clear(self) -> None:
         """All causes are gone; the list 1003h stays."""

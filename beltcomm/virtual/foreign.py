@@ -36,7 +36,18 @@ Place = tuple[int, int]
 
 
 def profile_named(name: str) -> VirtualProfile:
-    """The drive of that name, or of the file of that path.   Raises UsageError when there is none, or when the file is not right."""
+    """The virtual drive of a name, or of the file of a path.
+
+    Parameters
+    ----------
+    name : str
+        Of a shipped profile, or a path.
+
+    Raises
+    ------
+    UsageError
+        When there is none, or when the file is not right.
+    """
     if name in PROFILES:
         return PROFILES[name]
     if not named_file(name) and name not in config_names("slaves"):

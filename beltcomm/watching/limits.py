@@ -81,7 +81,23 @@ UNKNOWN = 0.1
 
 
 def limits_given(limits: Sequence[str]) -> dict[str, Limit]:
-    """Limits as they are typed.   Raises UsageError."""
+    """Limits of quantities as they are typed.
+
+    Parameters
+    ----------
+    limits : sequence of str
+        ``KEY=-20%``, ``KEY=+50%``, ``KEY=0.2`` in SI, ``KEY=none``.
+
+    Returns
+    -------
+    dict of str to Limit
+        By key; per cent as shares.
+
+    Raises
+    ------
+    UsageError
+        For one that cannot be read, or limits of one quantity in per cent and in SI.
+    """
     found: dict[str, Limit] = {}
     for text in limits:
         if (free := re.fullmatch(r"([\w.]+)=none", text.strip())) is not None:

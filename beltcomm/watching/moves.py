@@ -59,6 +59,8 @@ def moves_in(stretch: StreamPart, after_s: float, ended: bool) -> tuple[list[Mov
 
     Parameters
     ----------
+    stretch : StreamPart
+        Rows without a gap.
     after_s : float, s
         Rows up to here, on the stream's clock, were taken before.
     ended : bool

@@ -26,7 +26,20 @@ _LONGEST = 1 << 16
 
 
 def append(run: Path, entry: Mapping[str, Any]) -> None:
-    """One more move.   Raises UsageError where the folder cannot be written."""
+    """Keep one more move of a watch.
+
+    Parameters
+    ----------
+    run : Path
+        Of the run folder.
+    entry : mapping of str to Any
+        Plain values for JSON.
+
+    Raises
+    ------
+    UsageError
+        Where the folder cannot be written, or is a link.
+    """
     folder = run / FOLDER
     if folder.is_symlink():
         raise link_refused(folder)
@@ -46,6 +59,8 @@ def entries(run: Path, *, marks: bool = False) -> Iterable[Mapping[str, Any]]:
 
     Parameters
     ----------
+    run : Path
+        Of the run folder.
     marks : bool
         Lines with ``ANEW``, too.
     """
@@ -68,7 +83,18 @@ def entries(run: Path, *, marks: bool = False) -> Iterable[Mapping[str, Any]]:
 
 
 def told_by(entry: Mapping[str, Any]) -> dict[str, MoveEstimate]:
-    """Value and interval of every quantity that a move told, the error over the noise among them."""
+    """Value and interval of every quantity that a move told, the error over the noise among them.
+
+    Parameters
+    ----------
+    entry : mapping of str to Any
+        As it was kept.
+
+    Returns
+    -------
+    dict of str to MoveEstimate
+        By key; in SI.
+    """
     error = {"value": entry.get("error_over_noise"), "interval": entry.get("error_interval")}
     found = {}
     for key, one in {**entry["quantities"], ERROR: error}.items():
@@ -80,7 +106,18 @@ def told_by(entry: Mapping[str, Any]) -> dict[str, MoveEstimate]:
 
 
 def places_told(entry: Mapping[str, Any]) -> dict[int, MoveEstimate]:
-    """Friction beside the model's by the number of its place, as a move told it."""
+    """Friction beside the model's by the number of its place, as a move told it.
+
+    Parameters
+    ----------
+    entry : mapping of str to Any
+        As it was kept.
+
+    Returns
+    -------
+    dict of int to MoveEstimate
+        N m at the motor shaft.
+    """
     found = {}
     kept = entry.get("places")
     for number, one in kept.items() if isinstance(kept, dict) else ():
@@ -100,6 +137,11 @@ def by_day(run: Path) -> list[tuple[float, dict[str, tuple[float, float]]]]:
     """Each day that was watched: its middle, s since 1970, and every quantity over its moves, as a share of the base, with its interval.
 
     The base are the first moves, anew after each maintenance that was told.
+
+    Parameters
+    ----------
+    run : Path
+        Of the run folder.
     """
     told: dict[int, dict[str, list[MoveEstimate]]] = {}
     dates: dict[int, list[float]] = {}

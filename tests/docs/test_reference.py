@@ -17,6 +17,7 @@ import beltcomm
 from beltcomm import api
 
 CHECKOUT = Path(beltcomm.__file__).parent.parent
+TOPS = ("beltcomm", "adapters/beltcomm_adapters")
 PAGES = [page for page in (Path(__file__).parents[2] / "docs" / "reference").glob("*.md") if ":::" in page.read_text(encoding="utf-8")]
 SHOWN = re.compile(r"^::: (\S+)\n((?: {4}.*\n)*)", re.MULTILINE)
 
@@ -74,11 +75,66 @@ def public_functions() -> dict[str, Callable[..., Any]]:
 
 
 FUNCTIONS = public_functions()
+#: Files whose functions get their sections with the work that goes on in them.
+IN_WORK = {f"beltcomm.experiments.{name}" for name in ("commission", "execute_step", "friction_feedforward", "phases", "stops_out_of_move")}
 
 
 def sections(text: str) -> dict[str, str]:
     parts = re.split(r"^(\w+)\n-+\n", inspect.cleandoc(text), flags=re.MULTILINE)
     return dict(zip(parts[1::2], parts[2::2], strict=True))
+
+
+def listed_parameters(text: str) -> set[str]:
+    return {
+        part.strip().lstrip("*")
+        for line in sections(text).get("Parameters", "").splitlines()
+        if line[:1].strip()
+        for part in line.split(" : ")[0].split(",")
+    }
+
+
+def module_of(path: Path) -> str:
+    parts = path.relative_to(CHECKOUT).with_suffix("").parts
+    return ".".join(part for part in parts if part not in ("adapters", "__init__"))
+
+
+def package_of(module: str) -> str:
+    return ".".join(module.split(".")[: 2 if module.startswith("beltcomm.") else 1])
+
+
+def used_across_packages() -> dict[str, ast.FunctionDef]:
+    """Functions of modules that another package imports, by their full name: the source is read, nothing is imported for it."""
+    trees = {module_of(path): ast.parse(path.read_text(encoding="utf-8")) for top in TOPS for path in (CHECKOUT / top).rglob("*.py")}
+    defined = {(module, node.name): node for module, tree in trees.items() for node in tree.body if isinstance(node, ast.FunctionDef)}
+    imported = {
+        module: {
+            alias.asname or alias.name: (node.module or "", alias.name)
+            for node in ast.walk(tree)
+            if isinstance(node, ast.ImportFrom)
+            for alias in node.names
+        }
+        for module, tree in trees.items()
+    }
+
+    def origin(module: str, name: str) -> tuple[str, str]:
+        """Place where a name is defined, through packages that only pass it on."""
+        passed = set()
+        while (module, name) not in defined and name in imported.get(module, ()) and (module, name) not in passed:
+            passed.add((module, name))
+            module, name = imported[module][name]
+        return module, name
+
+    found = {}
+    for user, tree in trees.items():
+        names = list(imported[user].values())
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in imported[user]:
+                names.append((".".join(imported[user][node.value.id]), node.attr))
+        for module, name in (origin(*one) for one in names):
+            function = defined.get((module, name))
+            if function is not None and package_of(module) != package_of(user) and not name.startswith("_"):
+                found[f"{module}.{name}"] = function
+    return found
 
 
 def test_every_public_name_is_defined_or_imported_by_a_statement_of_its_own() -> None:
@@ -108,11 +164,19 @@ def test_a_public_function_names_its_parameters_and_what_it_returns(name: str) -
     found = sections(function.__doc__ or "")
     signature = inspect.signature(function)
     parameters = {p.name for p in signature.parameters.values()} - {"self", "cls"}
-    listed = {
-        part.strip().lstrip("*")
-        for line in found.get("Parameters", "").splitlines()
-        if line[:1].strip()
-        for part in line.split(" : ")[0].split(",")
-    }
-    assert listed == parameters
+    assert listed_parameters(function.__doc__ or "") == parameters
     assert ("Returns" in found or "Yields" in found) == (signature.return_annotation not in (None, "None"))
+
+
+def test_a_function_that_another_package_uses_names_its_parameters() -> None:
+    """In numpydoc form, every one of them and no other; which functions these are follows from the imports."""
+    functions = used_across_packages()
+    assert len(functions) > 900
+    wrong = {}
+    for name, node in functions.items():
+        given = node.args
+        every = [*given.posonlyargs, *given.args, *given.kwonlyargs, *(one for one in (given.vararg, given.kwarg) if one is not None)]
+        differs = {one.arg for one in every} ^ listed_parameters(ast.get_docstring(node) or "")
+        if differs and name.rpartition(".")[0] not in IN_WORK:
+            wrong[name] = differs
+    assert wrong == {}

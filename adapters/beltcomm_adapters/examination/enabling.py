@@ -43,7 +43,7 @@ def control(patient: Patient) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def dc_link(patient: Patient) -> Iterator[Finding]:
+def _dc_link(patient: Patient) -> Iterator[Finding]:
     """6079h and statusword bit 4: is there power to move with?"""
     present = bool(patient.statusword & _VOLTAGE)
     millivolts = patient.objects.read_if_there(0x6079, 0, "uint32")
@@ -116,7 +116,7 @@ def inputs(patient: Patient) -> Iterator[Finding]:
 
 CHECKS: Final = (
     Check(AREA, "control", control),
-    Check(AREA, "dc link", dc_link),
+    Check(AREA, "dc link", _dc_link),
     Check(AREA, "ready", ready),
     Check(AREA, "inputs", inputs),
 )

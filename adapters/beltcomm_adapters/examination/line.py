@@ -53,7 +53,7 @@ class PortLike(Protocol):
 Opener = Callable[[str, int, bool], Any]
 
 
-def open_port(device: str, baud: int, handshake: bool) -> Any:
+def _open_port(device: str, baud: int, handshake: bool) -> Any:
     """A port of pyserial.  Raises OSError (serial.SerialException is one), ValueError."""
     import serial
 
@@ -81,7 +81,7 @@ def examine_line(
     device: str,
     options: Mapping[str, object],
     *,
-    opener: Opener = open_port,
+    opener: Opener = _open_port,
     clock: Clock | None = None,
     group: Callable[[str], str] = group_of,
 ) -> Iterator[Finding]:
@@ -113,7 +113,7 @@ def examine_line(
                 yield not_opened(AREA, device, error, group(device))
                 return
             try:
-                said = ask(port, clock, b"VERSION?")
+                said = _ask(port, clock, b"VERSION?")
                 if any(map(_VERSION.search, said.answers)):
                     yield from _talking(port, clock, device, baud, handshake, said)
                     return
@@ -127,7 +127,7 @@ def examine_line(
     yield _silent(device, bauds, noisy)
 
 
-def ask(port: PortLike, clock: Clock, question: bytes) -> LineAnswer:
+def _ask(port: PortLike, clock: Clock, question: bytes) -> LineAnswer:
     """Send a line and collect the lines that come back, at most 0.3 s after the last byte.   Raises OSError."""
     port.reset_input_buffer()
     port.write(b"\r")  # ends whatever stands half-typed in the drive
@@ -167,7 +167,7 @@ def _talking(port: PortLike, clock: Clock, device: str, baud: int, handshake: bo
         )
     else:
         yield Finding(AREA, "echo", "ok", "no echo of what is sent")
-    status = ask(port, clock, b"?604100")
+    status = _ask(port, clock, b"?604100")
     words = [match[1] for line in status.answers if (match := _STATUSWORD.match(line))]
     if words:
         word = int(words[0], 16)

@@ -38,10 +38,10 @@ def opened(patient: Patient) -> Iterator[Finding]:
         text, remedy = error.fault_and_remedy
         yield Finding(GAINS, "opening", "wrong", f"no command could open this drive: {text}", remedy)
         return
-    yield gains_finding(found)
+    yield _gains_finding(found)
 
 
-def gains_finding(found: Capabilities) -> Finding:
+def _gains_finding(found: Capabilities) -> Finding:
     """Written, calibrated first, or typed in."""
     held = [one for name, one in found.parameters.items() if name in GAIN_NAMES]
     values = {"gains": found.gains, "peak_torque_nm": found.peak_torque_nm, "max_speed_rad_s": found.max_speed_rad_s}

@@ -37,7 +37,7 @@ def zero(patient: Patient) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def switches(patient: Patient) -> Iterator[Finding]:
+def _switches(patient: Patient) -> Iterator[Finding]:
     """60FDh bits 0 and 1: the end switches."""
     word = patient.objects.read_if_there(0x60FD, 0, "uint32")
     if word is None:
@@ -59,7 +59,7 @@ def switches(patient: Patient) -> Iterator[Finding]:
         yield Finding(AREA, "end switches", "ok", "no end switch is active (60FDh bits 0 and 1)", "", values)
 
 
-def software_limits(patient: Patient) -> Iterator[Finding]:
+def _software_limits(patient: Patient) -> Iterator[Finding]:
     """607Dh, and whether the axis stands inside."""
     low = patient.objects.read_if_there(0x607D, 1, "int32")
     if low is None:
@@ -82,4 +82,4 @@ def software_limits(patient: Patient) -> Iterator[Finding]:
         )
 
 
-CHECKS: Final = (Check(AREA, "zero", zero), Check(AREA, "end switches", switches), Check(AREA, "software limits", software_limits))
+CHECKS: Final = (Check(AREA, "zero", zero), Check(AREA, "end switches", _switches), Check(AREA, "software limits", _software_limits))

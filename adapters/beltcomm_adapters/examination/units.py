@@ -19,7 +19,7 @@ _MODES: Final = {
 }  # fmt: skip
 
 
-def scaling(patient: Patient) -> Iterator[Finding]:
+def _scaling(patient: Patient) -> Iterator[Finding]:
     """Position units, ratings; the numbers are there for the comparison with axis.yaml."""
     found = patient.scaling = read_scaling(patient.objects, patient.profile, None, patient.nameplate)
     per_turn = 2.0 * math.pi / found.position_rad
@@ -93,4 +93,4 @@ def period(patient: Patient) -> Iterator[Finding]:
         yield Finding(AREA, "sync period", "ok", text + ("" if after_reset else ", set by beltcomm for each record"), "", values)
 
 
-CHECKS: Final = (Check(AREA, "position", scaling), Check(AREA, "modes", modes), Check(AREA, "sync period", period))
+CHECKS: Final = (Check(AREA, "position", _scaling), Check(AREA, "modes", modes), Check(AREA, "sync period", period))

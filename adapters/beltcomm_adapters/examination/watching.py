@@ -63,7 +63,7 @@ def _then(objects: Objects) -> str:
     return f"; {said}{lent}" if said else ""
 
 
-def following_error(patient: Patient) -> Iterator[Finding]:
+def _following_error(patient: Patient) -> Iterator[Finding]:
     """6065h, and the place the profile names for a drive that only reports it: does a jammed axis stop by itself?"""
     window = patient.objects.read_if_there(0x6065, 0, "uint32")
     place = patient.signal("following_error_switch_off")
@@ -118,4 +118,4 @@ def leftovers(patient: Patient) -> Iterator[Finding]:
         yield Finding(AREA, "leftovers", "ok", "no settings of a run that was cut off")
 
 
-CHECKS: Final = (Check(AREA, "host", host), Check(AREA, "following error", following_error), Check(AREA, "leftovers", leftovers))
+CHECKS: Final = (Check(AREA, "host", host), Check(AREA, "following error", _following_error), Check(AREA, "leftovers", leftovers))

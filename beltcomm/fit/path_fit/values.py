@@ -37,7 +37,20 @@ UNKNOWN = 1.0
 
 
 def refine_path(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
-    """Records and fit with the path's values as motion and reading together have them; as they were where nothing is gained."""
+    """Records and fit with the path's values as motion and reading together have them; as they were where nothing is gained.
+
+    Parameters
+    ----------
+    data : Data
+        With their torque path.
+    fitted : Fitted
+        To these records.
+
+    Returns
+    -------
+    tuple of Data and Fitted
+        Path with half widths.
+    """
     for _ in range(ROUNDS):
         values = _values(data.path)
         if not len(values):

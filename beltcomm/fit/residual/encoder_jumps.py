@@ -64,7 +64,24 @@ def largest_step(recording: Recording, inertia_kg_m2: float, step_rad: float, st
 
 
 def proven_jumps(recording: Recording, model: Model, step_rad: float, noise_nm: float) -> tuple[Jump, ...]:
-    """The jumps whose removal lets the model explain the record, in the order in which they were found."""
+    """The jumps whose removal lets the model explain the record, in the order in which they were found.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of a motor's angle.
+    model : Model
+        To explain it.
+    step_rad : float, rad
+        Step of the encoder.
+    noise_nm : float, N m rms
+        Of the torque.
+
+    Returns
+    -------
+    tuple of Jump
+        At most ``MOST_JUMPS``, each with time, s, and size, rad.
+    """
     found: list[Jump] = []
     remaining = recording
     before = _squares(remaining, model, step_rad, noise_nm)
@@ -95,7 +112,20 @@ def without_jump(recording: Recording, first: int, size_rad: float) -> Recording
 
 
 def refuse(jumps: Sequence[Jump], step_rad: float) -> None:
-    """Raise DamagedRecord when there are jumps, naming record, size and time."""
+    """Refuse a record with jumps, naming record, size and time.
+
+    Parameters
+    ----------
+    jumps : sequence of Jump
+        As :func:`proven_jumps` found them.
+    step_rad : float, rad
+        Step of the encoder.
+
+    Raises
+    ------
+    DamagedRecord
+        When there is one.
+    """
     if not jumps:
         return
     first = jumps[0]

@@ -122,6 +122,12 @@ def evaluate(segment: Segment, model: Model, vector: Array, offset_m: float = 0.
 
     Parameters
     ----------
+    segment : Segment
+        Of a record.
+    model : Model
+        Of the axis.
+    vector : ndarray (k,)
+        Values of the parameters.
     offset_m : float
         See ``fine_load``.
     """

@@ -75,6 +75,8 @@ def stiffness_range(axis: Axis, window_m: tuple[float, float]) -> tuple[float, f
 
     Parameters
     ----------
+    axis : Axis
+        As its file states it.
     window_m : tuple of float
         (low < 0, high > 0), m, how far the carriage is free to move from there: so far it is from the ends of its travel.
     """

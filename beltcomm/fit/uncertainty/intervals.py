@@ -176,9 +176,24 @@ class Information:
 
 
 def information_of(fitted: Fitted) -> Information:
-    """Of the parameters of a fit; start offsets of its records are taken along and then left out.
+    """Information of the parameters of a fit; start offsets of its records are taken along and then left out.
 
     One at its bound may as well be a little off it, and the intervals of the others must bear that.
+
+    Parameters
+    ----------
+    fitted : Fitted
+        At its minimum.
+
+    Returns
+    -------
+    Information
+        In scaled unknowns; those that nothing tells are left out.
+
+    Raises
+    ------
+    DataError
+        When no sample counts.
     """
     problem = fitted.problem
     weights, own = problem.weights(fitted.residual), len(problem.free)
@@ -233,7 +248,18 @@ def at_bound(fitted: Fitted) -> BoolArray:
 
 
 def parameter_spread(fitted: Fitted) -> ParameterSpread:
-    """The spread of a fit."""
+    """Covariance of a fit's parameters, what records and systematic errors add to it, and which sit at a bound.
+
+    Parameters
+    ----------
+    fitted : Fitted
+        At its minimum.
+
+    Returns
+    -------
+    ParameterSpread
+        In the units of the parameters.
+    """
     told, model = information_of(fitted), fitted.model
     moved, shares = without_each(told)
     names, scale = told.names, told.scale
@@ -258,7 +284,18 @@ def parameter_spread(fitted: Fitted) -> ParameterSpread:
 
 
 def rounded_share(fitted: Fitted) -> float:
-    """Share of the noise's power, as torque of acceleration, that is rounding of the angle; the median of the segments."""
+    """Share of the noise's power, as torque of acceleration, that is rounding of the angle; the median of the segments.
+
+    Parameters
+    ----------
+    fitted : Fitted
+        To any records.
+
+    Returns
+    -------
+    float
+        0 to 1.
+    """
     inertia, shares = fitted.model.driven_inertia(), []
     for piece in fitted.problem.pieces:
         rounding = rounding_torque(inertia, piece.step_rad, piece.motion.sample_s) ** 2
@@ -315,7 +352,18 @@ def without_each(told: Information) -> tuple[Array, Array]:
 
 
 def with_intervals(fitted: Fitted) -> Model:
-    """The model with half widths of 95 %, worked out once: several answers in a row ask for it; None where a parameter sits at a bound."""
+    """The model with half widths of 95 %, worked out once: several answers in a row ask for it; None where a parameter sits at a bound.
+
+    Parameters
+    ----------
+    fitted : Fitted
+        At its minimum.
+
+    Returns
+    -------
+    Model
+        Of its parameters, in their units.
+    """
     nuisance, known = _KNOWN.get(fitted, (None, None))
     if known is None or nuisance is not fitted.problem.nuisance:
         spread = parameter_spread(fitted)

@@ -40,7 +40,20 @@ STEP = 1e-3
 
 
 def with_nuisance(data: Data, fitted: Fitted) -> Fitted:
-    """The fit, whose intervals count with what path and held parameters leave open."""
+    """The fit, whose intervals count with what path and held parameters leave open.
+
+    Parameters
+    ----------
+    data : Data
+        With their torque path.
+    fitted : Fitted
+        Model, fitted to the records.
+
+    Returns
+    -------
+    Fitted
+        The one given, changed in place.
+    """
     known = [one for one in (path_nuisance(data, fitted), _held_nuisance(fitted)) if one is not None]
     if known:
         information = block_diag(*(one.information for one in known))

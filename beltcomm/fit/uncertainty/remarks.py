@@ -113,9 +113,17 @@ def joint_draws(mean: Array, covariance: Array, low: Array, high: Array, count: 
 
     Parameters
     ----------
+    mean : ndarray (k,)
+        Values of the fit.
     covariance : ndarray
         C, (k, k), of the fit, with f degrees of freedom; inf is normal.
     low, high : ndarray (k,)
+    count : int
+        Of the draws.
+    freedom : float
+        f.
+    seed : int
+        Of the draws.
 
     References
     ----------

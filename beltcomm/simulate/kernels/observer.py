@@ -117,7 +117,15 @@ NOTHING = _no_state()
 
 
 def reset(watch: ObserverState, wanted: Array) -> ObserverState:
-    """The watch for a load that the torque leaves for the bodies, N m, (n,), nothing found yet."""
+    """The state of an observer for another load, nothing found yet.
+
+    Parameters
+    ----------
+    watch : ObserverState
+        Whose gains and shares are kept.
+    wanted : ndarray (n,), N m, motor shaft
+        Load that the torque leaves for the bodies.
+    """
     n = len(wanted)
     return watch._replace(wanted=wanted, s=np.zeros_like(watch.s), left=np.zeros(n), white=np.zeros(n))
 
@@ -131,7 +139,18 @@ def idle() -> ObserverState:
 
 
 def lanes_for(number: int) -> int:
-    """Lanes in lock step that take so many columns or models in rounds as even as possible."""
+    """Lanes in lock step that take so many columns or models in rounds as even as possible.
+
+    Parameters
+    ----------
+    number : int
+        Columns or models.
+
+    Returns
+    -------
+    int
+        A multiple of ``REGISTER``.
+    """
     return REGISTER * max(1, -(-number // (-(-number // ROOM) * REGISTER))) if number else REGISTER
 
 
@@ -235,7 +254,28 @@ def contact(
 
 
 def filter_columns(e: Array, keep: BoolArray, f: Array, h: Array, gains: Array, deviations: Array, shares: Array) -> Array:
-    """First-order change of the innovations, over their deviations, by changes e of the residual; (n, k) -> (kept, k)."""
+    """First-order change of the innovations, over their deviations, by changes e of the residual; (n, k) -> (kept, k).
+
+    Parameters
+    ----------
+    e : ndarray (n, k)
+        Of the residual.
+    keep : ndarray of bool (n,)
+        Samples that count.
+    f, h : ndarray
+        F and H, gap open and closed, as in :class:`ObserverState`.
+    gains : ndarray
+        K, by sample.
+    deviations : ndarray (n,)
+        Of the innovations.
+    shares : ndarray (n,)
+        Part of each sample in which the gap is closed.
+
+    Returns
+    -------
+    ndarray (kept, k), 1
+        Rows of the samples that count.
+    """
     size, columns = h.shape[1], e.shape[1]
     whole = -(-columns // LANES) * LANES
     padded = e if whole == columns else np.pad(e, ((0, 0), (0, whole - columns)))

@@ -85,7 +85,25 @@ def weighted_mean(fine: Array, middle: int, substeps: int) -> float:
 
 
 def triangular_mean(fine: Array, substeps: int) -> Array:
-    """Triangular mean around every sample; (n*substeps - substeps + 1,) -> (n,), ends 0."""
+    """Triangular mean around every sample; (n*substeps - substeps + 1,) -> (n,), ends 0.
+
+    Parameters
+    ----------
+    fine : ndarray (n*substeps - substeps + 1,)
+        Of any unit.
+    substeps : int
+        Fine steps per sample, even.
+
+    Returns
+    -------
+    ndarray (n,)
+        In that unit; ends 0.
+
+    Raises
+    ------
+    ValueError
+        For an odd number of substeps.
+    """
     if substeps % 2:
         raise ValueError("Simpson's rule needs an even number of substeps")
     mean = np.zeros((len(fine) - 1) // substeps + 1)

@@ -80,7 +80,18 @@ def catalogue_parameters() -> dict[str, int]:
 
 
 def catalogue_bodies(effects: Sequence[Effect] = EFFECTS) -> tuple[tuple[str, Body], ...]:
-    """All bodies of these effects of the catalogue, the base bodies first."""
+    """All bodies of these effects of the catalogue, the base bodies first.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+        Of the catalogue.
+
+    Returns
+    -------
+    tuple of tuple of str and Body
+        Full name of the inertia, and the body.
+    """
     found = {f"{name}.{body.inertia.name}": body for name, body in BASE_BODIES.items()}
     for effect in effects:
         found |= {f"{body.name}.{body.inertia.name}": body for body in effect.bodies}
@@ -88,7 +99,13 @@ def catalogue_bodies(effects: Sequence[Effect] = EFFECTS) -> tuple[tuple[str, Bo
 
 
 def acts_on_motor(effect: Effect) -> bool:
-    """True if an effect adds to the load of the motor whatever the carriage does."""
+    """True if an effect adds to the load of the motor whatever the carriage does.
+
+    Parameters
+    ----------
+    effect : Effect
+        The effect.
+    """
     return effect.slot in ("force", "friction_level", "friction_onset") and effect.body == "motor"
 
 

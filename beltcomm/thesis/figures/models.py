@@ -48,7 +48,17 @@ def figures(study: ModelStudy, caption: Caption) -> Mapping[str, Figure]:
 
 
 def bode(title: str, curves: Mapping[str, ComplexArray], caption: Caption) -> Figure:
-    """Gain and phase of some responses at :data:`FREQ_HZ`."""
+    """Gain and phase of some responses at :data:`FREQ_HZ`.
+
+    Parameters
+    ----------
+    title : str
+        Of the figure.
+    curves : mapping of str to ndarray of complex
+        By their names in the legend.
+    caption : Caption
+        Command and data.
+    """
     with styled():
         shown = figure(title, 4.6, caption)
         gain, phase = shown.subplots(2, 1, sharex=True, height_ratios=(3, 2))
