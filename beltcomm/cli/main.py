@@ -21,6 +21,7 @@ import click
 from beltcomm import language
 from beltcomm.cli.frame import Invocation
 from beltcomm.cli.streams import prepare
+from beltcomm.cli.terminal import fitted
 from beltcomm.errors import LeaveNow
 from beltcomm.version import __version__
 
@@ -34,15 +35,14 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 #: What a shell sets that wants words completed, or the lines that make it ask.
 COMPLETING = "_BELTCOMM_COMPLETE"
 
-#: Groups of verbs -> verb -> its line in ``--help``, in the order of the work; and one example of each group.  The verb's own file is
-#: imported only when it is called.
+#: Groups of verbs -> verb -> its line in ``--help-all``, in the order of the work.  The verb's own file is imported only when it is called.
 GROUPS: dict[str, dict[str, str]] = {
     "Begin": {
         "init": "Write axis.yaml by questions from the data sheets.",
         "doctor": "What stands in the way: adapters, bus, drive; moves nothing.",
         "demo": "A hidden fault of a virtual axis, found in a minute.",
     },
-    "Commission, on a machine": {
+    "Commission": {
         "commission": "All of it: identify, fit, friction, design, verify.",
         "identify": "Frequency responses, rising inside predicted limits.",
         "friction": "Constant-speed sweep: Coulomb and viscous friction.",
@@ -52,13 +52,13 @@ GROUPS: dict[str, dict[str, str]] = {
         "move": "A small, safe move.",
         "calibrate": "What the drive's gains mean, by small steps.",
     },
-    "Model and gains of a run, no machine": {
+    "Model and gains": {
         "fit": "Model with intervals from the recordings of a run.",
         "design": "Controller gains with margins from the model of a run.",
         "export": "The designed controller as YAML, C or structured text.",
         "convert": "Gains of a P-PI cascade as a PID controller, and back.",
     },
-    "What is wrong with an axis": {
+    "What is wrong": {
         "improve": "Diagnose, add, design, verify: before and after.",
         "compare": "Model against measurement: where does it fail?",
         "diagnose": "Which physical effect is missing in the model.",
@@ -77,7 +77,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "bundle": "A run in one zip, for whoever helps: no paths, no user name.",
         "import": "Foreign measurements into a run folder.",
     },
-    "Simulation and drives": {
+    "Simulation, drives": {
         "simulate": "A virtual experiment from a model or plant into a run folder.",
         "serve": "The virtual drive for other processes, on a CAN interface.",
         "drives": "Drive adapters found, or why one is broken.",
@@ -86,14 +86,24 @@ GROUPS: dict[str, dict[str, str]] = {
     },
 }
 
+#: Group -> an example of it, and what that does.
 EXAMPLES = {
-    "Begin": "beltcomm demo",
-    "Commission, on a machine": "beltcomm commission --drive can0 --axis axis.yaml",
-    "Model and gains of a run, no machine": "beltcomm design",
-    "What is wrong with an axis": "beltcomm improve",
-    "Runs and reports": "beltcomm open",
-    "Simulation and drives": "beltcomm drives",
+    "Begin": ("beltcomm demo", "a hidden fault, found"),
+    "Commission": ("beltcomm commission --drive can0", "shows its plan and asks"),
+    "Model and gains": ("beltcomm design", "gains with margins"),
+    "What is wrong": ("beltcomm improve", "what the model misses"),
+    "Runs and reports": ("beltcomm open", "the newest run, a page"),
+    "Simulation, drives": ("beltcomm commission --drive virtual", "no hardware"),
 }
+
+#: What the whole is, and what every verb has in common.
+SUMMARY = "Commissions toothed-belt axes by itself: identified model, tuned loop, proof."
+COMMON = (
+    "Each command in a line: beltcomm --help-all    Of one: beltcomm COMMAND --help",
+    "RUN: where none is named, the newest.    German screens: BELTCOMM_LANG=de",
+    "Of a command, --help-all explains every option, --details shows what no screen has room for.",
+    "Exit codes: 0 done, 1 refused or target missed, 2 wrong usage, 3 unusable data, 4 stopped for safety, 5 drive or bus.",
+)
 
 VERBS = {verb: words for group in GROUPS.values() for verb, words in group.items()}
 
@@ -117,9 +127,9 @@ class Verbs(click.Group):
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the verbs for ``--help`` in groups, each with an example, without importing any."""
+        """List the verbs for ``--help-all`` in groups, each with an example, without importing any."""
         for title, verbs in GROUPS.items():
-            with formatter.section(f"{title}   (e.g. {EXAMPLES[title]})"):
+            with formatter.section(f"{title}   (e.g. {EXAMPLES[title][0]})"):
                 formatter.write_dl(list(verbs.items()))
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[str | None, click.Command | None, list[str]]:
@@ -164,19 +174,27 @@ class Verbs(click.Group):
         return code
 
 
-@click.command(cls=Verbs, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+def overview(ctx: click.Context, _param: click.Parameter, value: bool) -> None:
+    """Print one screen, and leave: each group's example and its verbs by name."""
+    if not value or ctx.resilient_parsing:
+        return
+    lines = ["Usage: beltcomm COMMAND [OPTIONS] [RUN]", "", SUMMARY, ""]
+    for title, verbs in GROUPS.items():
+        example, words = EXAMPLES[title]
+        lines += [f"{title:20}{example:36}{words}", f"  {'  '.join(verbs)}"]
+    lines += ["", *COMMON[:2]]
+    for line in lines:
+        click.echo(fitted(line, sys.stdout))
+    ctx.exit()
+
+
+@click.command(
+    cls=Verbs, context_settings={"help_option_names": ["--help-all"], "max_content_width": 120}, help="\n\n".join((SUMMARY, *COMMON[1:]))
+)
+@click.option("-h", "--help", "_help", is_flag=True, is_eager=True, expose_value=False, callback=overview, help="One screen.")
 @click.version_option(__version__, prog_name="beltcomm")
 def cli() -> None:
-    """Commissions toothed-belt linear axes by itself: identified model, tuned cascade, proof.
-
-    First steps without hardware: beltcomm commission --drive virtual
-
-    Screens speak German where LANG (or BELTCOMM_LANG) is de.
-
-    RUN is the newest run where none is named. Of a verb, --help-all explains every option, --details shows what no screen has room for.
-
-    Exit codes: 0 done, 1 refused or target missed, 2 wrong usage, 3 unusable data, 4 stopped for safety, 5 drive or bus.
-    """
+    """Everything that can be typed."""
 
 
 def main() -> None:

@@ -12,7 +12,7 @@ from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.standstill import Standstill
 from beltcomm.identify.sweeps import Drift, LoadDependence, Sweep
 from beltcomm.model.value import Value
-from beltcomm.report.style import FAINT, HELD_OUT, MEASURED, MODEL, RESIDUAL, SEVERE, Caption, figure, styled
+from beltcomm.report.style import FAINT, HELD_OUT, MEASURED, MODEL, RESIDUAL, SEVERE, Caption, figure, legend, styled
 
 COLOURS = (MODEL, RESIDUAL, MEASURED, HELD_OUT, SEVERE, FAINT)
 #: How far the picture around standstill reaches, in speed amplitudes of the motor; and of torques above the friction's in the other.
@@ -47,7 +47,7 @@ def _standstill_figure(found: Standstill, friction: FrictionFit, caption: Captio
             near.text(amplitude, -0.97 * highest, f" Ω {name}", fontsize=8, color="#555555", rotation=90, va="bottom")
         whole.set_title("all speeds")
         near.set_title("around standstill")
-        whole.legend(loc="upper left", fontsize=8)
+        legend(whole)
     return shown
 
 
@@ -75,7 +75,7 @@ def _orders_figure(sweeps: Sequence[Sweep], caption: Caption) -> Figure:
         for name, colour in colours.items():
             top.plot([], [], ".-", color=colour, label=name)
         top.set(ylabel="torque in mN m")
-        top.legend(ncols=2, fontsize=9)
+        legend(top, 2)
         below.axhline(0.0, color=FAINT, linewidth=1.0)
         below.set(ylabel="left by its law in mN m", xlabel="motor speed in rad/s")
     return shown
@@ -104,8 +104,8 @@ def _clock_figure(sweeps: Sequence[Sweep], drift: Drift | None, caption: Caption
                 label = f"drift from repeated speeds, {1e3 * change.value:+.2g} ± {half:.2g} {unit} per minute"
                 axes.plot(time, line, color=MODEL, linewidth=1.4, label=label)
             axes.set(ylabel=f"{'Coulomb' if name == 'coulomb' else 'viscous'}, {unit}")
-            axes.legend(fontsize=8)
             axes.margins(0.08, 0.25)
+            legend(axes)
         below.set(xlabel="session's clock in min, middle of each sweep")
     return shown
 
@@ -135,8 +135,8 @@ def load_figure(found: LoadDependence, by: str, caption: Caption) -> Figure:
             label = f"{1e3 * slope.value:+.2g} ± {1e3 * (slope.interval or 0.0):.2g} {unit} per kg"
             axes.plot(ends, 1e3 * (level + slope.value * (ends - load.mean())), color=MODEL, linewidth=1.4, label=label)
             axes.set(xlabel=f"{by} in kg", ylabel=f"{'Coulomb' if name == 'coulomb' else 'viscous'} friction in {unit}")
-            axes.legend(fontsize=8)
             axes.margins(0.12, 0.3)
+            legend(axes)
     return shown
 
 
@@ -208,5 +208,5 @@ def compared_figure(runs: Sequence[tuple[str, FrictionFit]], caption: Caption) -
                 grid = side * np.linspace(0.05, float(np.max(np.abs(speed))), 20)
                 axes.plot(grid, 1e3 * fit.torque_nm(grid), color=colour, linewidth=1.0, label=name if side > 0.0 else None)
         axes.set(xlabel="motor speed in rad/s", ylabel="torque in mN m")
-        axes.legend(loc="upper left", fontsize=9)
+        legend(axes)
     return shown

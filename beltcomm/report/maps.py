@@ -83,7 +83,7 @@ def maps_figure(
             style.ratio_ticks(spots[name], 0.8, top)
             spots[name].set_ylabel("error / noise")
             style.floor_line(spots[name])
-            spots[name].legend(loc="upper right", fontsize=8)
+            style.legend(spots[name])
         bar = made.colorbar(image, cax=spots["bar"], extend="max")
         bar.set_label("error / noise (the same scale in every picture; blue-grey: too little data)")
         style.numbers_at(bar.ax.yaxis, [1.0, 1.5, 2.0, 3.0, 5.0, 10.0])

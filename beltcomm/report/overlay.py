@@ -75,7 +75,7 @@ def _whole_record(axes: Axes, middle: Array, level: Array, low: float, length: f
     axes.set_title("Whole record: error over noise (rms of 0.1 s; gaps: near standstill nothing can be said)")
     axes.set_ylabel("error / noise")
     axes.set_xlabel("time in the record in s")
-    axes.legend(loc="upper right", fontsize=8, ncols=2)
+    style.legend(axes, 2)
 
 
 def _torques(axes: Axes, trace: Trace, near: BoolArray) -> None:
@@ -97,7 +97,7 @@ def _torques(axes: Axes, trace: Trace, near: BoolArray) -> None:
     axes.set_ylim(*_wide(np.concatenate(shown)))
     axes.set_title(f"{trace.units.word.capitalize()} where the error is largest")
     axes.set_ylabel(f"{trace.units.word} in {trace.units.force}")
-    axes.legend(loc="upper right", fontsize=8, ncols=3)
+    style.legend(axes, 3)
 
 
 def _residuals(axes: Axes, trace: Trace, near: BoolArray) -> None:
@@ -112,7 +112,7 @@ def _residuals(axes: Axes, trace: Trace, near: BoolArray) -> None:
     edge = f"; beyond ±{EDGE:.0f} at the edge" if np.nanmax(np.abs(shown), initial=0.0) >= EDGE else ""
     axes.set_title(f"What is left over (model minus measured), in units of the noise{edge}")
     axes.set_ylabel("residual / noise")
-    axes.legend(loc="upper right", fontsize=8, ncols=2)
+    style.legend(axes, 2)
 
 
 def _wide(values: Array) -> tuple[float, float]:

@@ -73,7 +73,6 @@ def responses_figure(
         upper.set_ylabel("|angle/torque| in dB re 1 rad/(N m)")
         if any(models):
             upper.plot([], [], color="#777777", linewidth=2.0, label="thick: the model, with its 95 % band")
-        upper.legend(loc="upper right", fontsize=8, title="95 % of the noise shaded", title_fontsize=8)
         middle.set_ylabel("phase in degrees")
         style.numbers_at(middle.yaxis, style.DEGREES)
         middle.set_ylim(-400.0, 60.0)
@@ -86,6 +85,7 @@ def responses_figure(
         lower.set_xscale("log")
         lower.set_xlim(min(r.freq_hz[0] for _, r, _ in shown), max(r.freq_hz[-1] for _, r, _ in shown))
         style.hertz(lower.xaxis)
+        style.legend(upper, title="95 % of the noise shaded")
     return made
 
 
@@ -153,7 +153,7 @@ def ways_figure(shown: Sequence[ResponseLine], caption: style.Caption) -> Figure
             lower.plot(found.freq_hz, 100.0 * found.noise / np.abs(found.h), color=colour, linewidth=0.9)
         upper.set_xscale("log")
         upper.set_ylabel("|angle/torque| in dB re 1 rad/(N m)")
-        upper.legend(loc="upper right", fontsize=8)
+        style.legend(upper)
         middle.set_ylabel("phase in degrees")
         style.numbers_at(middle.yaxis, style.DEGREES)
         middle.set_ylim(-380, 20)
@@ -211,9 +211,10 @@ def levels_figure(shown: Sequence[Levels], caption: style.Caption) -> Figure:
             axes.set_xscale("log")
             style.hertz(axes.xaxis)
             axes.set_xlabel("frequency in Hz")
-            axes.legend(loc="upper right", fontsize=8)
         row[0].set_ylabel("|angle/torque| in dB re 1 rad/(N m)")
         row[0].set_ylim(-110.0, 20.0)
+        for axes in row:
+            style.legend(axes)
     return made
 
 

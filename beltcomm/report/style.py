@@ -8,6 +8,7 @@ from pathlib import Path
 from textwrap import fill, wrap
 from typing import Any
 
+import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
@@ -29,6 +30,10 @@ LOWEST, HIGHEST, COLOURS = 1.0, 10.0, "YlOrBr"
 NO_DATA = "#D5DCE4"
 #: Inches: wide enough for two columns of text.
 WIDTH = 10.0
+#: Letters of a legend, points.
+LEGEND_PT = 8.0
+#: Share of the height that a grid gives axes which titles and labels leave them.
+LEFT_BY_LABELS = 0.75
 #: Points per inch of a picture.
 DPI = 130
 #: Ticks of axes of phase.
@@ -155,6 +160,41 @@ def highest_shown(values: Sequence[float]) -> float:
     """Upper end of an axis of ratios: 2, 10, 30, 100 or 300, so that the pictures of two runs mostly have the same."""
     top = max([*values, 1.0])
     return next((end for end in (2.0, 10.0, 30.0, 100.0, 300.0) if top < 0.95 * end), 1.3 * top)
+
+
+def legend(axes: Axes, ncols: int = 1, title: str | None = None) -> None:
+    """Legend in an upper corner, the right one if it can be, that no curve runs through; where both are taken the axis goes higher.
+
+    To be called when everything is drawn and scaled.
+    """
+    _, labels = axes.get_legend_handles_labels()
+    if not labels:
+        return
+    lines = -(-len(labels) // ncols) + (title is not None)
+    around, at = axes.get_figure(), axes.get_position()
+    assert isinstance(around, Figure)
+    wide, high = (inches * size for inches, size in zip(around.get_size_inches(), (at.width, at.height), strict=True))
+    share = min(0.6, (LEGEND_PT * 1.45 * lines + 12.0) / 72.0 / (LEFT_BY_LABELS * high))
+    across = min(1.0, LEGEND_PT * ncols * (0.55 * max(map(len, labels)) + 4.5) / 72.0 / wide)
+    axes.get_xlim()  # what is scaled to the curves is scaled now
+    drawn = axes.transScale + axes.transLimits
+    points = [
+        drawn.transform(np.asarray(line.get_xydata(), dtype=float)) for line in axes.get_lines() if line.get_transform() == axes.transData
+    ]
+    spots = np.concatenate([p[np.isfinite(p).all(axis=1)] for p in points]) if points else np.zeros((0, 2))
+    spots = spots[(spots[:, 0] >= 0.0) & (spots[:, 0] <= 1.0)]
+    reach = {
+        side: float(np.max(spots[near, 1], initial=0.0))
+        for side, near in (("right", spots[:, 0] > 1.0 - across), ("left", spots[:, 0] < across))
+    }
+    side = min(reach, key=lambda s: (reach[s] > 1.0 - share, s != "right"))
+    if reach[side] > 1.0 - share and not axes.yaxis_inverted():
+        scale = axes.yaxis.get_transform()
+        low, top = scale.transform(np.array(axes.get_ylim()))
+        axes.set_ylim(top=float(scale.inverted().transform(np.array([low + (top - low) * reach[side] / (1.0 - share)]))[0]))
+    axes.legend(
+        loc="upper right" if side == "right" else "upper left", fontsize=LEGEND_PT, ncols=ncols, title=title, title_fontsize=LEGEND_PT
+    )
 
 
 def save(picture: Figure, path: Path) -> Path:

@@ -72,6 +72,6 @@ def tracking_figure(moves: Sequence[TrackedMove], caption: style.Caption) -> Fig
             below.set(xlabel="time in s", ylim=(-end, end))
         grid[0][0].set_ylabel("carriage in mm")
         grid[1][0].set_ylabel("reference minus motor in mm")
-        grid[0][0].legend(loc="upper left", fontsize=8)
-        grid[1][0].legend(loc="upper right", fontsize=8)
+        style.legend(grid[0][0])
+        style.legend(grid[1][0])
     return made

@@ -9,7 +9,16 @@ import pytest
 from click.testing import CliRunner
 
 from beltcomm.cli.help import FURTHER
-from beltcomm.cli.main import VERBS, cli
+from beltcomm.cli.main import GROUPS, VERBS, cli
+
+
+def test_overview_is_one_screen_with_an_example_in_each_group_and_every_verb() -> None:
+    short, whole = (CliRunner().invoke(cli, [asked]).stdout.splitlines() for asked in ("--help", "--help-all"))
+    assert len(short) <= 22
+    assert max(map(len, short)) <= 80
+    assert " ".join(short).split().count("beltcomm") >= 1 + len(GROUPS)
+    assert set(VERBS) <= set(" ".join(short).split())
+    assert all(any(line.startswith(f"  {verb} ") and words in line for line in whole) for verb, words in VERBS.items())
 
 
 @pytest.mark.parametrize("verb", VERBS)

@@ -154,7 +154,7 @@ def as_text(found: Any) -> str:
 
 def test_help_of_every_verb(request: pytest.FixtureRequest) -> None:
     said = []
-    for words in (("--help",), *((verb, "--help-all") for verb in VERBS)):
+    for words in (("--help",), ("--help-all",), *((verb, "--help-all") for verb in VERBS)):
         outcome = CliRunner().invoke(cli, words, terminal_width=120)
         assert outcome.exit_code == 0
         # click keeps how a command names its help from the first time that anybody asks, which another test may have done
