@@ -109,7 +109,7 @@ class Judge:
         self.ratio = max(1.0, opened.fitted.held_out_ratio or 0.0, opened.fitted.ratio)
         self._together: dict[tuple[int, ...], tuple[list[Recording], int]] = {}
         self._driven: set[tuple[int, ...]] = set()
-        self._latest = {(): self.model}
+        self._latest: dict[tuple[int, ...], Model] = {(): self.model}
         travel = self.axis.travel.ends_m
         self.width_m = max(WIDTH_M, (travel[1] - travel[0]) / MOST) if self.model.get("transmission.ratio") else None
         self.zero_m = _zero_of(opened.records.recordings, self.model.get("transmission.ratio"))

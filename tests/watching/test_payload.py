@@ -61,4 +61,4 @@ def test_a_payload_on_some_moves_is_no_other_belt(tmp_path: Path) -> None:
     for pairs in found.values():
         shares, intervals = np.array(pairs).T
         assert len(shares) >= 10
-        assert np.sum(shares / intervals**2) / np.sum(1.0 / intervals**2) == pytest.approx(1.0, abs=0.03)  # as a watch takes them together
+        assert np.sum(shares / intervals**2) / np.sum(1.0 / intervals**2) == pytest.approx(1.0, abs=0.09)  # as a watch takes them together
