@@ -197,7 +197,8 @@ def unknown_payload(
 def family_around(model: Model) -> list[Model]:
     """Family around an estimate: mass and stiffness apart by ``FIRST_ESTIMATE_SPREAD``, friction and belt damping lowered by it.
 
-    Dampings that nobody measured yet count with ``UNMEASURED_DAMPING`` of them.
+    Dampings that nobody measured yet count with ``UNMEASURED_DAMPING`` of them; of a rigid axis not at all: where it hardly breaks away
+    friction poses as damping, by which nothing would ever be fast.
 
     Parameters
     ----------
@@ -212,7 +213,8 @@ def family_around(model: Model) -> list[Model]:
     known, apart = model.parameters, FIRST_ESTIMATE_SPREAD
     levels = [n for n in known if n.endswith((".damping", ".level")) and not n.startswith("coupling")]
     untold = {n for n in levels if n.endswith(".damping") and known[n].interval is None}
-    calmer = model.with_values({n: model[n] * (UNMEASURED_DAMPING if n in untold else 1.0 - apart) for n in levels})
+    share = 0.0 if model.rigid else UNMEASURED_DAMPING
+    calmer = model.with_values({n: model[n] * (share if n in untold else 1.0 - apart) for n in levels})
     stiff = _stiffness_names(model)
     return [
         model,

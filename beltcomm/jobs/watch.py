@@ -37,6 +37,7 @@ from beltcomm.watching.estimates import ERROR, POOL, MoveEstimate, Standing
 from beltcomm.watching.judge import Judge, JudgedMove
 from beltcomm.watching.limits import LIMITS, limits_given
 from beltcomm.watching.moves import StreamPart, moves_in
+from beltcomm.watching.places import Untold, untold_by
 from beltcomm.watching.streams import BusStream, GrowingLog
 
 #: s between two looks at a log, and for which a bus is listened to at a time.
@@ -45,6 +46,8 @@ LOOK_S = 0.5
 IDLE_S = 10.0
 #: Moves between two lines of titles.
 TITLES = 20
+#: Moves, those that tell nothing among them, after which it is said what they do not show.
+SHOWN_BY = 100
 #: m: a virtual production stays so far from the ends of the travel; and its default move.
 MARGIN_M, WAY_M = 0.02, 0.5
 
@@ -97,6 +100,13 @@ class _Watch:
     taken_s: float = -math.inf
     known: set[tuple[float, Any]] = field(default_factory=set)
     before: int = 0
+    way_m: tuple[float, float] | None = None
+    blind_told: bool = False
+
+    @property
+    def untold(self) -> Untold:
+        """What the moves so far do not show; nothing as long as there are few."""
+        return untold_by(self.standings, self.way_m) if self.counted + self.left_out >= SHOWN_BY else Untold()
 
 
 def _silent(_move: WatchedMove) -> None:
@@ -342,7 +352,7 @@ def _take(state: _Watch, stream: _Stream, ended: bool, most: int | None, until_a
 def _judge_one(state: _Watch, columns: Mapping[str, Any], start_s: float) -> None:
     number, judge = state.counted + 1, state.judge
     try:
-        begins = judge.start_of(float(columns["position_rad"][0])) if "position_rad" in columns else None
+        begins = _begins(state, columns)
         sidecar = Sidecar(experiment="trajectory", closed_loop=True, start_position_m=begins)
         recording = recording_from_columns(f"move_{number}", columns, sidecar, judge.axis, file="the stream")
         judged = judge.judge(recording)
@@ -361,12 +371,26 @@ def _judge_one(state: _Watch, columns: Mapping[str, Any], start_s: float) -> Non
     state.first_s = date_s if math.isnan(state.first_s) else state.first_s
     state.last_s = date_s + judged.duration_s
     events = _events(state)
+    if not state.blind_told and (untold := words.untold_sentence(state.untold)):
+        state.blind_told = True
+        events.append(("not shown", untold))
     entry = _entry(state.before + number, date_s, judged, state.standings, events)
     store.append(state.folder.path, entry)
     lines: list[str] = [words.head_line(state.standings)] if number % TITLES == 1 else []
     lines.append(words.move_line(state.before + number, state.hour(date_s), judged, state.standings))
     lines += [Line("      ", (f"{kind}: {text}", "bad" if kind == "ALARM" else "note")) for kind, text in events]
     state.tell(WatchedMove(lines_in(terms_of(judge.axis), lines), entry))
+
+
+def _begins(state: _Watch, columns: Mapping[str, Any]) -> float | None:
+    """Carriage position at the start of a move, m, where the run tells it; the way of all moves goes on to this one's ends."""
+    if "position_rad" not in columns:
+        return None
+    position = np.asarray(columns["position_rad"], dtype=np.float64)
+    begins, *ends = (state.judge.start_of(float(at)) for at in (position[0], position.min(), position.max()))
+    known = [end for end in (*ends, *(state.way_m or ())) if end is not None]
+    state.way_m = (min(known), max(known)) if known else None
+    return begins
 
 
 def _events(state: _Watch) -> list[tuple[str, str]]:
@@ -439,6 +463,8 @@ def _result(state: _Watch) -> Result:
         state.counted, state.left_out, state.why, seconds, state.standings, list(state.alarms.values()), changed
     )
     run = state.folder.path
+    if untold := words.untold_sentence(state.untold):
+        text.append(f"  {untold}")
     if state.alarms or changed:
         text.append(
             f"Next: beltcomm identify --drive DRIVE --run NEW   (measure it again; beltcomm trend {pasted(run)} NEW tells what drifts)"
@@ -452,7 +478,14 @@ def _result(state: _Watch) -> Result:
         "noticed_at_move": state.noticed,
         "suspects": [{"effect": name, "title": title, "evidence": value} for name, title, value in state.suspects],
         "quantities": {
-            one.key: {"value": _finite(one.value), "interval": _finite(one.interval), "state": one.state} for one in state.standings
+            one.key: {
+                "value": _finite(one.value),
+                "interval": _finite(one.interval),
+                "state": one.state,
+                "noticed_from": _finite(one.noticed_from),
+            }
+            for one in state.standings
         },
+        "not_shown": {"quantities": list(state.untold.keys), "travel_m": [list(pair) for pair in state.untold.stretches_m]},
     }
     return Result(data, text, 1 if state.alarms else 0)

@@ -42,6 +42,8 @@ FIRST, GO_ON, ITERATIONS = 8, 4, 40
 ASIDE, APART, ROUNDS, IN_A_ROUND = (1.0, 1.6, 2.5), 15, 6, 3
 #: Iterations of the model without it where the steps of time are others.
 AGAIN = 4
+#: Slots of effects that imitate a part of it.
+IMITATED_BY = frozenset(("body", "belt_law", "element", "torque_delay"))
 #: Share of what lies above the noise that it must explain, and O per sample of a base up to which it is not asked.
 MOST, FAR_OFF = 0.5, 1.15
 
@@ -69,6 +71,28 @@ def coupling_candidate(data: Data, current: Fitted, axis: Axis) -> Candidate | N
         return None
     new = next((name for name in grown.model.effects if name not in (*current.model.effects, COUPLING.name)), "")
     return replace(named, beside=new)
+
+
+def coupling_instead(data: Data, base: Fitted, current: Fitted, axis: Axis) -> Candidate | None:
+    """The coupling as a candidate beside a base, where that is likelier than all that was added to it since; None otherwise.
+
+    A payload that creeps or a delay imitates a part of a coupling, is taken first, and stands in its way from then on.
+
+    Parameters
+    ----------
+    data : Data
+        As the base sees it.
+    current : Fitted
+        The base with what was added.
+    """
+    added = [effect.slot for effect in current.model.effect_list() if effect.name not in base.model.effects]
+    if current.objective <= FAR_OFF * current.problem.samples or not IMITATED_BY & set(added):
+        return None
+    named = coupling_candidate(data, base, axis)
+    if named is None or named.fitted is None:
+        return None
+    seen = for_coupling(data, base.model)
+    return named if drop_by(fit(seen, current.model, AGAIN), named.fitted) > EVIDENCE else None
 
 
 def has_end_pulley(model: Model) -> bool:

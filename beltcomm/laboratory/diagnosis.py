@@ -30,7 +30,7 @@ from beltcomm.laboratory.acceptance import (
     undetermined_effects,
 )
 from beltcomm.laboratory.compare import compare
-from beltcomm.laboratory.coupled_bodies import COUPLING, coupling_candidate, refit_from_several_stiffnesses
+from beltcomm.laboratory.coupled_bodies import COUPLING, coupling_candidate, coupling_instead, refit_from_several_stiffnesses
 from beltcomm.laboratory.gaps import converged_gap, gap_from_start, gap_with_delay, is_replaceable_gap
 from beltcomm.laboratory.law_shape import assign_body, fit_law_shapes
 from beltcomm.laboratory.samples import structure
@@ -247,6 +247,7 @@ def diagnose(
     patient = True
     ranked: list[Candidate] | None = None
     coupled: Fitted | None = None  # what was asked last whether a coupling is behind it
+    instead = False  # begun anew with a coupling in the place of all that was named
     for number in range(limit):
         above = BESIDE_ADDED if any(step.added for step in steps) else MISSING
         if ranked is None:
@@ -267,6 +268,10 @@ def diagnose(
             coupled = current
             if coupling is not None:
                 ranked = merge_candidates(taken.candidates, [coupling])
+                continue
+            if steps and not instead and (coupling := coupling_instead(seen[0], base, current, axis)) is not None:
+                data, current, ranked = seen[0], base, [coupling, *steps[0].candidates]
+                steps, seen, instead = [], [], True
                 continue
             better = escape_if_far_off(data, current) if causes else None
             if better is not None:

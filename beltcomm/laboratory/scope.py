@@ -91,7 +91,19 @@ def restrict_to_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tupl
             "where no record is excited. Record an excitation (frf) and ask again."
         )
         return replace(found, verdict="cannot tell"), [sentence]
-    return found, []
+    return found, [sentence] if (sentence := contact_that_opens(found)) else []
+
+
+def contact_that_opens(found: Diagnosis) -> str:
+    """That a gap is likelier than any wrong number where nothing explains an error far above the noise, in words; "" where it is not."""
+    unexplained = found.verdict == NONE_EXPLAINS and not found.added_effects
+    if not unexplained or found.base.ratio <= FAR_OFF_BASE or "cart" not in found.base.model.base_bodies:
+        return ""
+    return (
+        f"An error of {found.base.ratio:.3g} times the noise is rather no wrong mass, stiffness, friction or scale, which a fit would take "
+        "up: something hits and lets go, as in a gap (backlash) that is wide for these records. Hold the motor and push the carriage both "
+        "ways against a dial gauge; then look for a collision, and for what else is loose."
+    )
 
 
 def acts_slowly(found: Diagnosis) -> bool:

@@ -72,7 +72,8 @@ def guarded(
     number = host_loss.chosen(predicted, min(at - ends[0], ends[1] - at))
     guard_s = guard_times_s(machine.drive.capabilities)[number]
     envelope = replace(envelope, window_m=(low + predicted.stop_m, high - predicted.stop_m), guard_s=guard_s)
-    expected = PredictionWatch(predicted, machine.ratio, machine.axis.motor_side_inertia_kg_m2, units_of(machine.drive.capabilities))
+    stated, units = machine.axis.motor_side_inertia_kg_m2, units_of(machine.drive.capabilities)
+    expected = PredictionWatch(predicted, machine.ratio, stated, units, rigid=machine.axis.rigid)
     dying = host_loss.RunOnWatch(
         ends,
         machine.ratio,

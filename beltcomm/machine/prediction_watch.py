@@ -93,6 +93,8 @@ class PredictionWatch:
         Of the motor side, as axis.yaml says.
     units : DriveUnits or None
         Of the drive.
+    rigid : bool
+        The load moves with the motor.
 
     Raises
     ------
@@ -100,8 +102,10 @@ class PredictionWatch:
         When speed or travel leave the prediction, naming what is probably wrong in axis.yaml or in the units.
     """
 
-    def __init__(self, predicted: Prediction, ratio: float, inertia_kg_m2: float, units: DriveUnits | None = None) -> None:
-        self.predicted, self.ratio, self.inertia_kg_m2, self.units = predicted, ratio, inertia_kg_m2, units
+    def __init__(
+        self, predicted: Prediction, ratio: float, inertia_kg_m2: float, units: DriveUnits | None = None, *, rigid: bool = False
+    ) -> None:
+        self.predicted, self.ratio, self.inertia_kg_m2, self.units, self.rigid = predicted, ratio, inertia_kg_m2, units, rigid
         self.farthest_m = SURPRISE * predicted.travel_m + TRAVEL_SLACK_M
         self._rows: list[tuple[float, float, float]] = []
 
@@ -124,7 +128,7 @@ class PredictionWatch:
 
     def cause(self) -> str:
         """Probable fault by the rows so far, in words."""
-        return suspects(self.inertia_kg_m2, measured_inertia(np.array(self._rows)), self.units)
+        return suspects(self.inertia_kg_m2, measured_inertia(np.array(self._rows)), self.units, rigid=self.rigid)
 
 
 def told_apart(value: float, limit: float) -> tuple[str, str]:
@@ -189,18 +193,26 @@ def other_units(share: float, units: DriveUnits) -> str:
     )
 
 
-def suspects(stated_kg_m2: float, measured: tuple[float, float] | None, units: DriveUnits | None = None) -> str:
+def suspects(stated_kg_m2: float, measured: tuple[float, float] | None, units: DriveUnits | None = None, *, rigid: bool = False) -> str:
     """In words, which entries of axis.yaml to look at, with the measured inertia where there is one.
 
     Parameters
     ----------
     units : DriveUnits or None
         Of the drive.
+    rigid : bool
+        The load moves with the motor, and what is measured is the inertia of both.
     """
     others = "the feed constant (pulley.effective_radius_m, gearbox.ratio), the payload, whether the encoder jumped or something moves it"
     if measured is None:
         return f"look at motor.inertia_kg_m2 in axis.yaml, {others}"
     value, deviation = measured
+    if rigid and value > stated_kg_m2:
+        return (
+            f"motor and load together show an inertia of about {value:.2g} ± {2.0 * deviation:.1g} kg m², of which the motor has "
+            f"{stated_kg_m2:.3g} kg m² by axis.yaml: if that can be the load, there is less friction than the excitation before it showed, "
+            f"so begin again, or check {others}"
+        )
     seen = (
         f"the motor side shows an inertia of about {value:.2g} ± {2.0 * deviation:.1g} kg m², axis.yaml makes it {stated_kg_m2:.3g} kg m²"
     )

@@ -37,6 +37,11 @@ SOFTEST, STIFFEST = 0.3, 2.0
 #: m: a ruler is read to this; share of a way that may be missing beside that; the shortest way that is worth it.
 RULER_M, RULER_SHARE, SHORTEST_M = 1e-3, 0.01, 0.02
 STIFFNESS = "belt_stiffness.stiffness"
+#: How play is felt, and what follows.
+PLAY = (
+    "Hold the motor and push the carriage both ways against a dial gauge: where there is play, mend clamp, key or coupling first; beltcomm "
+    "diagnose RUN looks for a gap in what was recorded"
+)
 #: Of the lightest load that is counted with: none is lighter than that; a fit that ends there has found none.
 LIGHTEST_SHARE = 0.1
 
@@ -239,7 +244,14 @@ def check_fitted(machine: Machine, model: Model, first: Model, response: Recordi
     if _inertia_share(machine.axis, model) > FITTED_FACTOR and 1.0 / FIRST_FACTOR <= _inertia_share(machine.axis, first) <= FIRST_FACTOR:
         raise Refused(_not_told_apart(machine.axis, model, first, response, machine.more_room))
     share, shown = _inertia_share(machine.axis, model), jumping_inertia(response) / machine.axis.motor_side_inertia_kg_m2
-    if 1.0 / FIRST_FACTOR < share < 1.0 / FITTED_FACTOR and STEPS_SHOW[0] < shown < STEPS_SHOW[1]:
+    scaled_rightly = share < 1.0 / FITTED_FACTOR and STEPS_SHOW[0] < shown < STEPS_SHOW[1]
+    if scaled_rightly and share < 1.0 / FIRST_FACTOR:
+        raise Refused(
+            f"{_contradiction(machine.axis, model)}. The steps of its torque in {response.name} show {shown:.2f} times that, so "
+            "torques and angles are scaled rightly: the motor moves as if the carriage pushed it, as it does in a gap (backlash) or behind "
+            f"a loose clamp, key or coupling, and no loop is closed on such a model. {PLAY}"
+        )
+    if scaled_rightly:
         machine.remark(  # gains follow the inertia: with too little of it the loop is slower than it might be
             f"the fit of {response.name} makes {share:.2f} times the inertia of axis.yaml, the steps of its torque show {shown:.2f} times: "
             "torques and angles are scaled rightly, and something acts that the model does not have; beltcomm diagnose looks for it"

@@ -9,7 +9,7 @@ from beltcomm.result import Line
 from beltcomm.sentences.words import DERIVED, SHOWN, number
 from beltcomm.watching.estimates import ERROR, FEWEST, POOL, Standing
 from beltcomm.watching.judge import JudgedMove
-from beltcomm.watching.places import PLACE
+from beltcomm.watching.places import PLACE, Untold
 
 #: Key -> words, unit shown, factor: as everywhere, and of what no fit by the design source has.
 NAMED: Mapping[str, tuple[str, str, float]] = {
@@ -145,7 +145,18 @@ def summary_lines(
         if math.isfinite(one.value):
             words, unit, factor = NAMED[one.key]
             half = factor * one.interval if math.isfinite(one.interval) else None
-            rows.append(
-                f"  {words:36} {number(factor * one.value, half, unit)}, in the run {number(factor * one.reference.value, None, unit)}"
-            )
+            was = number(factor * one.reference.value, None, unit)
+            noticed = f"; a change is noticed from {100.0 * one.noticed_from:.2g} %" if math.isfinite(one.noticed_from) else ""
+            rows.append(f"  {words:36} {number(factor * one.value, half, unit)}, in the run {was}{noticed}")
     return [verdict, *rows, f"  (over the last {min(POOL, moves)} moves)"] if rows else [verdict]
+
+
+def untold_sentence(untold: Untold) -> str:
+    """What the moves do not show, and what would; empty where they show all."""
+    parts = [f"a change of the {NAMED[key][0]}" for key in untold.keys]
+    if untold.stretches_m:
+        ways = ", ".join(f"{1e3 * low:.0f} mm to {1e3 * high:.0f} mm" for low, high in untold.stretches_m)
+        parts.append(f"a tight spot at {ways}")
+    if not parts:
+        return ""
+    return f"These moves cannot show {', nor '.join(parts)}; long and quick ones over the whole way, now and then, do."

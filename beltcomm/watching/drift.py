@@ -97,7 +97,8 @@ class AxisDrift:
         off = value - against.value
         if key == ERROR:
             off = max(off, 0.0)  # less than the noise is no news
-        sure, usual = abs(off) > SURE * deviation, abs(off) <= USUAL.get(key, UNKNOWN) * abs(against.value)
+        least = max(SURE * deviation / abs(against.value), USUAL.get(key, UNKNOWN))
+        sure, news = abs(off) > SURE * deviation, abs(off) > least * abs(against.value)
         beyond = (low is not None and value + interval < low) or (high is not None and value - interval > high)
-        state: State = "alarm" if beyond and sure else "changed" if sure and not usual and base is not None else "steady"
-        return Standing(key, reference, base, value, interval, low, high, why, state)
+        state: State = "alarm" if beyond and sure else "changed" if news and base is not None else "steady"
+        return Standing(key, reference, base, value, interval, low, high, why, state, noticed_from=least)

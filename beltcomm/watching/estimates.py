@@ -45,6 +45,10 @@ class Standing:
         Limits, SI.
     place_m : float or None
         Of the carriage, of a quantity that is one of a place.
+    noticed_from : float
+        Share of the base from which on a change would be noticed; nan where these moves tell nothing of it.
+    followed_m : tuple of (float, float)
+        Stretches of the travel that are followed, of a quantity that is one of a place.
     """
 
     key: str
@@ -57,6 +61,8 @@ class Standing:
     why: str
     state: State
     place_m: float | None = None
+    noticed_from: float = math.nan
+    followed_m: tuple[tuple[float, float], ...] = ()
 
     @property
     def against(self) -> MoveEstimate:

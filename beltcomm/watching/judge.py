@@ -44,10 +44,14 @@ VAGUE = 1.0
 #: Values of the residual without which the quantities are not told: as many moves are taken together as make them, some at most, for behind
 #: a coarse encoder few of a move are independent.   Values without which a motion is no move.
 ENOUGH, MOST_TOGETHER, FEWEST_VALUES = 120, 20, 8
+#: m (rad without a transmission), to which starts and ends of moves are alike that count as one move driven again: with the same payload.
+ALIKE = 0.01
 #: Times the run's value, and share of it, beyond which a stiffness or a load is no axis that still moves but another minimum of the fit.
 IMPLAUSIBLE = 2.5
 #: Error, as a share of the run's, above which other stiffnesses are tried; those, as shares of the run's; how much better one must be:
-#: a belt that rings several times in a move leaves a minimum for every ring more or less.
+#: a belt that rings several times in a move leaves a minimum for every ring more or less, of which a fit that finds another load takes the
+#: wrong one.  Share by which a stiffness is off the run's from which on that is tried, too.
+ASIDE = 0.05
 ASTRAY, STIFFNESSES, BETTER = 1.2, (0.9, 0.8, 0.7, 0.6, 1.1), 0.8
 
 
@@ -103,9 +107,9 @@ class Judge:
             half = spread.half_width(self._weights(key))
             self.reference[key] = MoveEstimate(self._value(key, self.model), half or 0.0)
         self.ratio = max(1.0, opened.fitted.held_out_ratio or 0.0, opened.fitted.ratio)
-        self._together: list[Recording] = []
-        self._latest = self.model
-        self._values = 0
+        self._together: dict[tuple[int, ...], tuple[list[Recording], int]] = {}
+        self._driven: set[tuple[int, ...]] = set()
+        self._latest: dict[tuple[int, ...], Model] = {(): self.model}
         travel = self.axis.travel.ends_m
         self.width_m = max(WIDTH_M, (travel[1] - travel[0]) / MOST) if self.model.get("transmission.ratio") else None
         self.zero_m = _zero_of(opened.records.recordings, self.model.get("transmission.ratio"))
@@ -147,17 +151,33 @@ class Judge:
             data.single,
         )
 
-    def fitted_to(self, moves: Sequence[Recording]) -> Fitted:
-        """The run's model with what ages fitted to moves: from where the last ones left it, from the run, and with other belts."""
-        starts = [self._latest] if self._latest is self.model else [self._latest, self.model]
-        best = min((self._fit(moves, start) for start in starts), key=lambda one: (not self._plausible(one), one.ratio))
+    def fitted_to(self, moves: Sequence[Recording], kind: tuple[int, ...] = ()) -> Fitted:
+        """The run's model with what ages fitted to moves: from where the last ones left it; where that is astray, from elsewhere, too.
+
+        Parameters
+        ----------
+        kind : tuple of int
+            See ``_kind``.
+        """
+
+        def best_of(*fits: Fitted) -> Fitted:
+            return min(fits, key=lambda one: (not self._plausible(one), one.ratio))
+
+        start = self._latest.get(kind, self._latest[()])
+        best = self._fit(moves, start)
+        if start is not self.model and (not self._plausible(best) or best.ratio > ASTRAY * self.ratio):
+            best = best_of(best, self._fit(moves, self.model))
         stiffness = next((name for name in self._names.values() if name.startswith("belt_")), None)
-        if stiffness is None or not best.ratio > ASTRAY * self.ratio:
+        if stiffness is None:
             return best
         bounds = self.model.parameters[stiffness]
+        if abs(best.model[stiffness] / bounds.value - 1.0) > ASIDE:  # with the load that was found, and not a ring more or less
+            best = best_of(best, self._fit(moves, best.model.with_values({stiffness: bounds.value})))
+        if not best.ratio > ASTRAY * self.ratio:
+            return best
         others = [float(np.clip(share * bounds.value, bounds.low, bounds.high)) for share in STIFFNESSES]
         tried = [self._fit(moves, self.model.with_values({stiffness: value})) for value in others]
-        other = min(tried, key=lambda one: (not self._plausible(one), one.ratio))
+        other = best_of(*tried)
         return other if self._plausible(other) and other.ratio < BETTER * best.ratio else best
 
     def _plausible(self, fitted: Fitted) -> bool:
@@ -178,19 +198,21 @@ class Judge:
         values = sum(len(piece.value_samples) for piece in data.fitted)
         if values < FEWEST_VALUES:
             raise DataError(f"{move.name} moves too little to tell anything of the axis")
-        self._together.append(move)
-        self._values += values
-        if self._values >= ENOUGH or len(self._together) >= MOST_TOGETHER:
-            fitted = self.fitted_to(self._together)
+        kind = self._kind(move)
+        together, before = self._together.get(kind, ([], 0))
+        self._together[kind] = together, before + values
+        together.append(move)
+        if before + values >= ENOUGH or len(together) >= MOST_TOGETHER:
+            fitted = self.fitted_to(together, kind)
             found, places = {}, {}
             if self._plausible(fitted):
-                found, places, self._latest = self._told(fitted), self._places(fitted), fitted.model
-            self._together.clear()
-            self._values = 0
+                found, places = self._told(fitted), self._places(fitted, together)
+                self._latest[kind] = self._latest[()] = fitted.model
+            del self._together[kind]
         else:
-            problem = problem_of(data, self._latest, self._kept)  # what has aged is no error of the model
+            problem = problem_of(data, self._latest.get(kind, self._latest[()]), self._kept)  # what has aged is no error of the model
             fitted, found, places = evaluate_at(data, problem, problem.start()), {}, {}
-        ratio = (self.model.get("transmission.ratio") or 1.0) if move.side != "load" else 1.0
+        ratio = self._scale(move)
         off = None
         if move.reference_position is not None:
             off = ratio * float(np.max(np.abs(move.reference_position - move.position)))
@@ -207,9 +229,23 @@ class Judge:
                 found[key] = MoveEstimate(self._value(key, fitted.model), factor * half)
         return found
 
-    def _places(self, fitted: Fitted) -> dict[int, MoveEstimate]:
+    def _scale(self, move: Recording) -> float:
+        """m of travel per unit of a move's position; 1 where no carriage is known."""
+        return (self.model.get("transmission.ratio") or 1.0) if move.side != "load" else 1.0
+
+    def _kind(self, move: Recording) -> tuple[int, ...]:
+        """Start and end of a move that was driven before, by which it is taken together with none but the like; of others, ()."""
+        scale, start = self._scale(move), move.sidecar.start_position_m
+        zero = 0.0 if start is None else start - scale * float(move.position[0])
+        kind = tuple(round((zero + scale * float(move.position[at])) / ALIKE) for at in (0, -1))
+        if kind in self._driven:
+            return kind
+        self._driven.add(kind)
+        return ()
+
+    def _places(self, fitted: Fitted, together: Sequence[Recording]) -> dict[int, MoveEstimate]:
         """Friction at each place, where the moves say where they were driven."""
-        known = self.width_m is not None and all(move.sidecar.start_position_m is not None for move in self._together)
+        known = self.width_m is not None and all(move.sidecar.start_position_m is not None for move in together)
         return friction_at_places(fitted, self.width_m) if known and self.width_m is not None else {}
 
     def suspects(self, moves: Sequence[Recording], most: int = 3) -> list[tuple[str, str, float]]:

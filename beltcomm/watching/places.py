@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.residual.segment import Segment
 from beltcomm.fit.residual.whitened import in_noise
 from beltcomm.model.value import NORMAL_95
-from beltcomm.watching.estimates import POOL, MoveEstimate, Standing, State, pooled
+from beltcomm.watching.estimates import ERROR, POOL, MoveEstimate, Standing, State, pooled
 from beltcomm.watching.limits import Limit
 
 #: m: length of a place; at most so many along an axis.
@@ -127,4 +128,52 @@ class PlaceDrift:
         state: State = "alarm" if alarmed else "changed" if news else "steady"
         place_m = (number + 0.5) * self._width_m
         own = MoveEstimate(friction.value, 0.0)
-        return Standing(PLACE, friction, own, friction.value + more, half, low, high, why, state, place_m)
+        least = max(USUAL, SURE / NORMAL_95 * float(np.median([one[3] for one in grown])) / friction.value)
+        followed = _stretches([one[1] for one in grown], self._width_m)
+        return Standing(PLACE, friction, own, friction.value + more, half, low, high, why, state, place_m, least, followed)
+
+
+def _stretches(numbers: Iterable[int], width_m: float) -> tuple[tuple[float, float], ...]:
+    """Neighbouring places as stretches of the travel, m."""
+    found: list[tuple[int, int]] = []
+    for number in sorted(numbers):
+        if found and found[-1][1] == number:
+            found[-1] = (found[-1][0], number + 1)
+        else:
+            found.append((number, number + 1))
+    return tuple((low * width_m, high * width_m) for low, high in found)
+
+
+@dataclass(frozen=True)
+class Untold:
+    """What the moves so far tell nothing of, so that a change of it would not be noticed.
+
+    Attributes
+    ----------
+    keys : tuple of str
+        Quantities.
+    stretches_m : tuple of (float, float)
+        Of the way of the moves, on which a tight spot would not be seen.
+    """
+
+    keys: tuple[str, ...] = ()
+    stretches_m: tuple[tuple[float, float], ...] = ()
+
+
+def untold_by(standings: Sequence[Standing], way_m: tuple[float, float] | None) -> Untold:
+    """What standings lack.
+
+    Parameters
+    ----------
+    way_m : tuple of float, m, or None
+        Ends of the way of all moves, those that told nothing among them; None where the place on the axis is not known.
+    """
+    keys = [one.key for one in standings if not math.isfinite(one.noticed_from) and one.key not in (PLACE, ERROR)]
+    gaps = [gap for one in standings if one.key == PLACE and way_m is not None for gap in _between(one.followed_m, way_m)]
+    return Untold(tuple(keys), tuple(gaps))
+
+
+def _between(stretches: Sequence[tuple[float, float]], way_m: tuple[float, float]) -> list[tuple[float, float]]:
+    """What stretches leave of a way, but for what is no longer than a place."""
+    ends = [way_m[0], *(end for pair in stretches for end in pair), way_m[1]]
+    return [(low, high) for low, high in zip(ends[::2], ends[1::2], strict=True) if high - low > WIDTH_M]

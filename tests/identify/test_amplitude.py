@@ -181,6 +181,19 @@ def test_dampings_that_nobody_measured_count_half() -> None:
         assert min(m[name] for m in family_around(measured)) == pytest.approx(0.85 * measured[name])
 
 
+def test_a_rigid_axis_whose_friction_posed_as_damping_is_no_faster_than_expected() -> None:
+    """As a flywheel on a stiff shaft, hardly broken away: 48 % too much inertia, half of the friction, and 190 times the damping."""
+    truth = data_sheet_model(load_axis("torque-table"), None, 0.0).with_values(
+        {"motor.inertia": 9e-5, "cart.mass": 0.0652, "viscous.damping": 2.54e-4, "coulomb.level": 0.0485}
+    )
+    assert truth.rigid
+    seen = truth.with_values({"cart.mass": 0.11, "viscous.damping": 0.047, "coulomb.level": 0.026})
+    for seed in range(4):
+        torque = np.random.default_rng([56, seed]).choice((-0.119, 0.119), 200).repeat(5)
+        is_expected = predict(family_around(seen), torque, PERIOD_S, 0.0)
+        assert predict([truth], torque, PERIOD_S, 0.0).motor_m_s < is_expected.watched_m_s
+
+
 def test_no_room_is_refused_with_what_binds(family: Sequence[Model]) -> None:
     with pytest.raises(Refused, match=r"would break the limit on motor torque .*check the limits in axis\.yaml"):
         largest_amplitude(family, UNIT, PERIOD_S, AT_M, MotionLimits(10.0, 100.0, 1e-3, 1e6), 0.6)

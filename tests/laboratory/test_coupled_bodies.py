@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from beltcomm.axis import Axis, load_axis
+from beltcomm.effects import effect_named
 from beltcomm.fit.base import fit_base, in_groups_of, ratio_in_groups_of
-from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.records import Data, prepare
+from beltcomm.fit.estimate import Fitted, fit
+from beltcomm.fit.records import Data, for_coupling, prepare
 from beltcomm.fit.start.model import start_model
+from beltcomm.fit.uncertainty.intervals import parameter_spread
 from beltcomm.laboratory import coupled_bodies
+from beltcomm.laboratory.acceptance import EVIDENCE
 from beltcomm.laboratory.diagnosis import final_refit
+from beltcomm.laboratory.selection import Candidate
 from beltcomm.sentences.ladder import narrower_lines
 from identify.records import Recorder
 from truth import Axis as TrueAxis
@@ -70,6 +75,36 @@ def test_a_coupling_and_an_end_pulley_that_hide_each_other_are_found(
     assert best.model["cart.mass"] == pytest.approx(truth["mass"], rel=0.02)
     assert best.model["coupling.stiffness"] == pytest.approx(truth["stiffness"], rel=0.2)
     assert best.model["driving_pulley.inertia"] == pytest.approx(truth["pulley"], rel=0.2)
+
+
+def test_in_the_place_of_what_imitates_a_coupling_one_is_taken_that_is_likelier(
+    coupled: tuple[Axis, Data, Fitted, dict[str, float]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not where nothing was added, where that is no likeness of it, nor where it explains as much."""
+    axis, data, base, _ = coupled
+    late, cogging = (fit(data, base.model.with_effect(name), 2) for name in ("dead_time", "cogging"))
+    objective = fit(for_coupling(data, base.model), late.model, coupled_bodies.AGAIN).objective
+
+    def asked(current: Fitted, less: float) -> bool:
+        named = Candidate(effect_named("coupling"), 0.0, less, 0.6, 0.0, replace(late, objective=objective - less), True)
+        monkeypatch.setattr(coupled_bodies, "coupling_candidate", lambda *_: named)
+        return coupled_bodies.coupling_instead(data, base, current, axis) is named
+
+    assert asked(late, 2.0 * EVIDENCE)
+    assert not asked(late, 0.5 * EVIDENCE)
+    assert not asked(base, 9.0 * EVIDENCE)
+    assert not asked(cogging, 9.0 * EVIDENCE)
+
+
+def test_behind_a_coupling_the_intervals_bear_what_held_out_records_leave(coupled: tuple[Axis, Data, Fitted, dict[str, float]]) -> None:
+    """What it did between the samples the fitted records have taken up."""
+    _, data, base, truth = coupled
+    values = {"coupling.stiffness": truth["stiffness"], "driving_pulley.inertia": truth["pulley"]}
+    with_one = fit(for_coupling(data, base.model), base.model.with_effect("coupling").with_values(values), 2)
+    held_out = (np.full(400, 9.0),)
+    assert parameter_spread(replace(with_one, held_out_residuals=held_out)).unexplained == pytest.approx(9.0)
+    for fitted in (with_one, replace(base, held_out_residuals=held_out)):
+        assert parameter_spread(fitted).unexplained == pytest.approx(fitted.ratio)
 
 
 def test_a_raster_gives_way_at_low_frequencies_as_what_it_begins_from(coupled: tuple[Axis, Data, Fitted, dict[str, float]]) -> None:

@@ -110,10 +110,13 @@ def test_a_gap_is_asked_about_no_longer_than_the_answer_needs(
     assert heard == asked
 
 
-def searched(monkeypatch: pytest.MonkeyPatch, found: list[list[str]], own: Callable[[Any], bool], alone: tuple[str, ...] = ()) -> Any:
+def searched(
+    monkeypatch: pytest.MonkeyPatch, found: list[list[str]], own: Callable[[Any], bool], alone: tuple[str, ...] = (), imitates: str = ""
+) -> Any:
     """The steps of a search with these candidates at each stage, all accepted, and what was said of them.
 
-    own : whether a model needs its gap.   alone : effects beside which the gap is superfluous.
+    own : whether a model needs its gap.   alone : effects beside which the gap is superfluous.   imitates : effect in whose place a
+    coupling is likelier.
     """
 
     def fitted(model: Any) -> Any:
@@ -144,6 +147,13 @@ def searched(monkeypatch: pytest.MonkeyPatch, found: list[list[str]], own: Calla
         monkeypatch.setattr(diagnosis, name, lambda *_: None)
     monkeypatch.setattr(diagnosis, "lowers", lambda *_: True)
     monkeypatch.setattr(diagnosis, "coupling_candidate", lambda *_: None)
+
+    def instead(_data: Any, base: Any, current: Any, _axis: Any) -> Candidate | None:
+        grown = fitted(base.model.with_effect("coupling"))
+        return Candidate(effect_named("coupling"), 1.0, 1.0, 0.6, 1.0, grown, True) if imitates in current.model.effects else None
+
+    monkeypatch.setattr(diagnosis, "coupling_instead", instead)
+    monkeypatch.setattr(diagnosis, "refit_from_several_stiffnesses", lambda data, grown: (data, grown))
     monkeypatch.setattr(diagnosis, "as_searched", lambda data, base: (data, base))
     monkeypatch.setattr(diagnosis, "least_plain_error", lambda _data, last, *_: last)
     begun: Any = SimpleNamespace(fitted=(), held_out=(), substeps=4, path=SimpleNamespace(rivals=())), fitted(BASE)
@@ -151,6 +161,13 @@ def searched(monkeypatch: pytest.MonkeyPatch, found: list[list[str]], own: Calla
     after = diagnosis.diagnose([], nothing, nothing, begun=begun, trying=heard.append)
     assert next(stages, None) is None, "every stage was looked at"
     return after, [c.effect.name for c in heard if c.unneeded]
+
+
+def test_a_coupling_takes_the_place_of_what_imitated_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The payload that was named first stood in its way; it is asked for once."""
+    after, _ = searched(monkeypatch, [["payload_mode"], ["cogging"], [], ["cogging"], []], lambda _model: True, imitates="payload_mode")
+    assert [step.added for step in after.steps] == ["coupling", "cogging", ""]
+    assert after.final_fit.model.effects == BASE.with_effect("coupling").with_effect("cogging").effects
 
 
 def test_a_gap_that_is_needed_stays(monkeypatch: pytest.MonkeyPatch) -> None:

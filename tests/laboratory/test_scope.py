@@ -12,10 +12,17 @@ import pytest
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.records import Data
 from beltcomm.fit.torque.path import DriveLaw, Lag, TorquePath
-from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, Stage
-from beltcomm.laboratory.scope import OF_DRIVE, current_loop_within_sample, structure_of_rounding, unknown_delivery, without_names
+from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, Stage, Verdict
+from beltcomm.laboratory.scope import (
+    OF_DRIVE,
+    contact_that_opens,
+    current_loop_within_sample,
+    structure_of_rounding,
+    unknown_delivery,
+    without_names,
+)
 from beltcomm.laboratory.score import Scorer
-from beltcomm.model import build_model
+from beltcomm.model import Model, build_model, load_plant
 from beltcomm.recording import Recording
 
 BASE = build_model("axis", ("belt_stiffness", "belt_damping", "viscous", "viscous_cart", "coulomb"), {})
@@ -54,3 +61,21 @@ def test_without_a_setpoint_no_effect_that_a_drive_has_is_named_behind_another_n
     assert left.added_effects == ["cogging"]
     assert left.verdict == "cannot tell"
     assert without_names(found).added_effects == []
+
+
+@pytest.mark.parametrize(
+    ("model", "ratio", "verdict", "told"),
+    [
+        (BASE, 51.0, NONE_EXPLAINS, True),
+        (BASE, 4.0, NONE_EXPLAINS, False),
+        (BASE, 51.0, "cannot tell", False),
+        (load_plant("torque_table").model, 51.0, NONE_EXPLAINS, False),
+    ],
+)
+def test_far_above_the_noise_play_is_to_be_felt_for_where_no_effect_explains_anything(
+    model: Model, ratio: float, verdict: Verdict, told: bool
+) -> None:
+    """As on a screw whose nut has 50 µm of play."""
+    base = cast(Fitted, SimpleNamespace(model=model, ratio=ratio))
+    found = Diagnosis(base, cast(Data, None), (Stage(base, (), "", (), base),), verdict, (), cast(Scorer, None), cast(Data, None))
+    assert ("dial gauge" in contact_that_opens(found)) == told

@@ -20,6 +20,14 @@ def test_an_inertia_far_off_may_be_a_gap() -> None:
     assert "gap" not in suspects(7.17e-5, (8e-5, 4.5e-6))
 
 
+def test_the_inertia_of_motor_and_load_is_no_contradiction_of_the_motor_s() -> None:
+    """Of a rigid axis both are measured together."""
+    words = suspects(9e-5, (3.2e-4, 4e-6), rigid=True)
+    assert "motor and load together show an inertia of about 0.00032" in words
+    assert "check the unit" not in words
+    assert "check the unit" in suspects(9e-5, (2e-5, 4e-6), rigid=True)  # less than the motor alone
+
+
 def test_a_torque_that_is_reported_as_nothing_shows_no_inertia() -> None:
     """An axis runs away, and its drive reports no torque all the while: it is stopped with words all the same."""
     t_s = 1e-3 * np.arange(200)

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from beltcomm.errors import UsageError
+from beltcomm.sentences.watch import untold_sentence
 from beltcomm.watching import store
 from beltcomm.watching.drift import BASE, AxisDrift
 from beltcomm.watching.estimates import ERROR, FEWEST, MoveEstimate, Standing
 from beltcomm.watching.limits import LIMITS, Limit, limits_given
+from beltcomm.watching.places import untold_by
 
 KEY = "coulomb_total"
 
@@ -54,6 +56,24 @@ def test_an_axis_that_stays_as_bad_is_not_back() -> None:
     states = [one.state for one in followed([*[1.8] * (BASE + 10), *[1.0] * (BASE + 10)])]
     assert set(states[FEWEST - 1 : BASE + 10]) == {"alarm"}
     assert states[-1] == "steady"
+
+
+@pytest.mark.parametrize(("interval", "least"), [(0.01, 0.1), (0.2, None)])
+def test_a_change_is_noticed_from_where_it_is_said_to_be(interval: float, least: float | None) -> None:
+    """By what friction changes by itself where the moves tell it well, else by what they tell."""
+    told = followed([1.0] * (BASE + 10), interval)[-1].noticed_from
+    assert told == pytest.approx(least) if least is not None else told > 0.15
+    for share, state in ((0.9, "steady"), (1.1, "changed")):
+        values = [*[1.0] * (BASE + 10), *[1.0 + share * told] * 10]
+        assert followed(values, interval, limits={})[-1].state == state
+
+
+def test_what_no_move_tells_is_named() -> None:
+    drift = AxisDrift({KEY: MoveEstimate(1.0, 0.005), "belt_stiffness.stiffness": MoveEstimate(2e5, 1e3)}, LIMITS)
+    for _ in range(FEWEST):
+        standings = drift.add_told({KEY: MoveEstimate(1.0, 0.02)})
+    assert untold_by(standings, None).keys == ("belt_stiffness.stiffness",)
+    assert "cannot show a change of the belt stiffness" in untold_sentence(untold_by(standings, None))
 
 
 def test_one_knock_is_not_the_axis() -> None:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from beltcomm.sentences.watch import untold_sentence
 from beltcomm.watching.estimates import MoveEstimate, Standing
 from beltcomm.watching.limits import LIMITS
-from beltcomm.watching.places import BASE, PLACE, PlaceDrift
+from beltcomm.watching.places import BASE, PLACE, PlaceDrift, untold_by
 from beltcomm.watching.store import places_told
 
 FRICTION, NOISE, WIDTH_M = 0.1, 0.004, 0.02
@@ -43,6 +44,21 @@ def test_a_tight_spot_is_noticed_where_it_is_and_alarms_beyond_its_limit(seed: i
         assert one.place_m == pytest.approx((TIGHT + 0.5) * WIDTH_M)
     assert set(states[alarm:]) == {"alarm"}
     assert standings[-1].change == pytest.approx(1.45, abs=0.1)  # over its last ten crossings
+
+
+def test_where_no_move_that_tells_crosses_the_travel_that_is_said() -> None:
+    """All moves go from 0 to 0.7 m, those that tell something at most to 0.6 m; a spot is named from a fifth of the friction on."""
+    last = driven([0.0] * 100)[-1]
+    assert last.followed_m == ((0.0, pytest.approx(0.6)),)
+    assert last.noticed_from == 0.2  # what friction changes by itself: these crossings would tell less
+    untold = untold_by([last], (0.0, 0.7))
+    assert untold.stretches_m == ((pytest.approx(0.6), 0.7),)
+    assert "a tight spot at 600 mm to 700 mm" in untold_sentence(untold)
+    assert untold_sentence(untold_by([last], (0.0, 0.61))) == ""
+    few = driven([0.0] * (3 * BASE))[-1]  # of the long moves by now no more than the base
+    assert untold_by([few], (0.1, 0.3)).stretches_m == ((pytest.approx((TIGHT - 2) * WIDTH_M), 0.3),)
+    none = driven([0.0])[-1]
+    assert untold_by([none], (0.1, 0.3)).stretches_m == ((0.1, 0.3),)
 
 
 def test_what_a_file_says_of_places_is_read_or_left_out() -> None:
