@@ -32,7 +32,7 @@ class Unit:
 _INERTIA = {"kgm2": 1.0, "kgcm2": 1e-4, "kgmm2": 1e-6, "gcm2": 1e-7}
 _ANGLE = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0, "°": math.pi / 180.0, "rev": math.tau}
 _LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
-_TORQUE = {"nm": 1.0, "ncm": 1e-2, "mnm": 1e-3, "knm": 1e3}
+_TORQUE = {"nm": 1.0, "ncm": 1e-2, "mnm": 1e-3, "knm": 1e3, "lbin": 0.112984829, "lbft": 1.355817948, "ozin": 0.00706155181}
 
 #: Suffix of a name -> its unit.
 UNITS: Mapping[str, Unit] = {

@@ -61,6 +61,8 @@ class _Found:
         outer = prefix.rstrip(".")
         if self._time_series(value, outer) or self._simulink(value, outer) or self._dspace(value, outer):
             return
+        if self._one_signal(value, outer):
+            return
         time_name = next((key for key in value if _TIME.match(key) and _length(value[key]) > 1), None) if prefix else None
         here: list[str] = []
         for key, item in value.items():
@@ -138,6 +140,13 @@ class _Found:
                 self.units.pop(made[0], None)
                 return other
         return made[0]
+
+    def _one_signal(self, value: Mapping[str, Any], name: str) -> bool:
+        """A vector and the words on it: its name and unit."""
+        data, unit = _member(value, *_DATA), _text_of(value, *_UNIT)
+        if not name or not unit or _length(data) < 2 or sum(_length(item) > 1 for item in value.values()) > 1:
+            return False
+        return bool(self._vector(name, data, unit))
 
     def _time_series(self, value: Mapping[str, Any], name: str) -> bool:
         time, data = _member(value, "time", "timestamps", "t"), _member(value, *_DATA)

@@ -101,7 +101,7 @@ def _parts_of(path: Path, reading: Reading, axis: Axis) -> list[Part]:
     from beltcomm.foreign.busrecords import readable, records_of
     from beltcomm.foreign.logclock import in_order
 
-    log = in_order(read_frames(path, reading.channel), readable)
+    log = in_order(read_frames(path, reading.channel).without_doubles(), readable)
     if reading.signals or reading.dbc:
         from beltcomm.foreign.signals import by_hand, of_dbc, table_of_signals
 

@@ -8,7 +8,7 @@ import json
 import sqlite3
 from array import array
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -51,6 +51,8 @@ _FIRST_OWN, _END_OWN = 0x80, 0x780
 
 #: Identifiers of a summary.
 _MOST_LISTED = 12
+#: Share of the frames with content that stand there twice, from which the log was written twice.
+_DOUBLED = 0.05
 #: Interfaces that are told apart.
 _MOST_CHANNELS = 1000
 _TRUE = {"1", "true", "yes", "x"}
@@ -81,6 +83,17 @@ class FrameLog:
         for column in (self.t_s, self.identifier, self.length, self.remote, *self.data.T):
             same &= column[order[1:]] == column[order[:-1]]
         return int(same.sum())
+
+    def without_doubles(self) -> FrameLog:
+        """The log without frames that repeat the one just before; as it is where hardly any with content does, for a clock may stand."""
+        columns = (self.t_s, self.identifier, self.length, self.remote, *self.data.T)
+        again = np.append(False, np.logical_and.reduce([column[1:] == column[:-1] for column in columns])) if len(self.t_s) else self.remote
+        filled = self.length > 0
+        if not again.any() or again[filled].sum() <= _DOUBLED * filled.sum():
+            return self
+        said = f"{int(again.sum())} frames that repeat the one before at the same time left out, as two sockets on one bus write them"
+        kept = {name: getattr(self, name)[~again] for name in ("t_s", "identifier", "remote", "length", "data")}
+        return replace(self, **kept, notes=(*self.notes, said), in_file=self.in_file or len(again))
 
     def of_node(self, node: int) -> int:
         """Frames with one of the node's own identifiers (CiA 301, predefined connection set)."""

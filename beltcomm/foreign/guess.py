@@ -15,9 +15,10 @@ import numpy as np
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.foreign.mapping import Source, parse_source, sources_for
-from beltcomm.foreign.names import Confidence, Meaning, by_unit, meaning_of, quoted, spelled, without_unit
+from beltcomm.foreign.names import Confidence, Meaning, by_unit, meaning_of, plain_unit, quoted, spelled, without_unit
 from beltcomm.foreign.relations import relations
 from beltcomm.foreign.table import Table
+from beltcomm.quantities import UNITS
 from beltcomm.recording.columns import CHANNELS, KNOWN_COLUMNS, Side
 
 #: s between rows that a drive or logger has: what a time column without a unit is held against.
@@ -56,6 +57,9 @@ _INDEX = re.compile(r"[_ ]?\d+$")
 
 #: Names of a voltage or of the share of it that a motor gets.
 _VOLTAGE = re.compile(r"volt|spannung|pwm|duty|(^|[_ .])u[aqm]?$", re.IGNORECASE)
+
+#: Voltages that do not drive the motor.
+_SUPPLY = re.compile(r"bus|link|supply|battery|dc|ref|max|min|limit|zwischenkreis|netz|versorgung", re.IGNORECASE)
 
 Ask = Callable[[Sequence[Guess]], Sequence[str]]
 """Puts all guesses to a person at once: the mappings that hold."""
@@ -175,6 +179,7 @@ def guesses_for(table: Table, sources: Mapping[str, Source], axis: Axis, *, time
                 guess = replace(guess, why=f"{texts[quantity]} holds no numbers but {str(cell)[:SHOWN]!r}: export it as numbers")
             found.append(guess)
     found = [_or_commanded(guess, table, channels, meanings, drives, axis, ratio) for guess in found]
+    found = [_or_voltage(guess, table, used, channels) for guess in found]
     taken = used | {_theirs(guess, table) for guess in found if guess.choices}
     for signal, quantity, role in (
         ("velocity", "velocity", "actual"),
@@ -202,6 +207,24 @@ def _or_commanded(
         return guess
     why = f"{commanded.why}; it is what was commanded, not what acted: the delay of the current loop will look like dead time"
     return replace(commanded, confidence="likely" if commanded.confidence == "sure" else commanded.confidence, why=why)
+
+
+def _or_voltage(guess: Guess, table: Table, used: set[str], channels: Mapping[str, str]) -> Guess:
+    """The motor's voltage where a file names nothing else that drives it."""
+    names = [
+        name
+        for name, column in table.columns.items()
+        if column.dtype.kind in "fiu"
+        and name not in used
+        and _VOLTAGE.search(Table.bare(name))
+        and not _SUPPLY.search(Table.bare(name))
+        and plain_unit(table.unit(name)) in {"", *UNITS["v"].others}
+    ]
+    if guess.column != channels["torque"] or guess.choices or not names:
+        return guess
+    choices = tuple(spelled("motor_voltage_v", name, plain_unit(table.unit(name)) or "1") for name in names)
+    why = "no torque, current or force is in the file, so the motor's voltage by its name: everything is identified in volt then"
+    return Guess("motor_voltage_v", choices, "likely" if len(names) == 1 else "unsure", why)
 
 
 def _by_numbers(table: Table, found: list[Guess], sources: Mapping[str, Source], channels: Mapping[str, str], axis: Axis) -> list[Guess]:

@@ -48,6 +48,8 @@ def _turned(value: Any) -> Any:
         return {str(key): _turned(item) for key, item in value.items()}
     if not isinstance(value, list):
         return value
+    if value and all(isinstance(item, Mapping) and _longest(item) > len(value) for item in value):
+        return [_turned(item) for item in value]  # signals, each with all of its values
     if len(value) >= _FEWEST and all(isinstance(item, Mapping) for item in value):
         return _of_records([_flat(item, "") for item in value])
     if len(value) >= _FEWEST and all(isinstance(item, list) for item in value):
@@ -55,6 +57,10 @@ def _turned(value: Any) -> Any:
         rows = value[1:] if names else value
         return _of_rows(names or [f"c{k}" for k in range(1, len(rows[0]) + 1)], rows)
     return _numbers(value)
+
+
+def _longest(item: Mapping[str, Any]) -> int:
+    return max((len(member) for member in item.values() if isinstance(member, list)), default=0)
 
 
 def _flat(record: Mapping[str, Any], prefix: str) -> dict[str, Any]:

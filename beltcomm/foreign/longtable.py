@@ -37,7 +37,8 @@ def unstacked(table: Table) -> Table:
     which = np.array([place[cell] for cell in cells])
     check_columns(table.file, 2 * len(signals))
     stamps, notes = _stamps(table, time)
-    unit = "s" if time == "Time_ms" and "VarName" in table.columns else table.unit(time)
+    meaning = meaning_of(table, time)
+    unit = "s" if time == "Time_ms" and "VarName" in table.columns else meaning.unit if meaning is not None else table.unit(time)
     columns: dict[str, Column] = {}
     stated: dict[str, str] = {}
     clocks: dict[str, str] = {}

@@ -72,6 +72,9 @@ _SPELLINGS = {
     "mm": "millimeter",
     "n": "newton",
     "nm": "n*m n-m n.m newtonmeter newtonmeters newton-meter newton-meters",
+    "lbin": "lbfin lb-in lbf-in lb.in lb*in lbf*in in-lb in-lbf inlb inlbs in-lbs",
+    "lbft": "lbfft lb-ft lbf-ft lb.ft lb*ft lbf*ft ft-lb ft-lbf ftlb ftlbs ft-lbs",
+    "ozin": "ozfin oz-in ozf-in oz.in oz*in in-oz inoz",
     "a": "ampere amperes amp amps arms a_rms aeff a(rms)",
     "°c": "degc celsius",
 }
@@ -277,16 +280,21 @@ def without_unit(table: Table, column: str, meaning: Meaning, axis: Axis, own: s
         peak = axis.motor.peak_torque_nm
         fits = [c for c, f in zip(choices, (1.0, rated / 100, rated / 1000, 1e-3), strict=True) if peak and _possible(largest * f, peak)]
         ordered = (*fits, *(c for c in choices if c not in fits))
-        return tuple(ordered), "unsure", f"its unit is not stated; its largest value is {largest:.4g}"
+        return tuple(ordered), "unsure", f"{_unknown(table, meaning.name)}; its largest value is {largest:.4g}"
     if own == "rad":
         span = float(np.ptp(known)) if len(known) else 0.0
         counts = axis.motor.encoder_counts_per_rev or 65536
         whole = bool(np.all(known == np.round(known))) and span > 1000.0
         choices = [f"{column}={name}*1", f"{column}={name}*deg", f"{column}={name}*rev", f"{column}={name}*rev/{counts}"]
         ordered = (choices[3], *choices[:3]) if whole else tuple(choices)
-        return ordered, "unsure", f"its unit is not stated; it covers {span:.6g}{', in whole numbers' if whole else ''}"
+        return ordered, "unsure", f"{_unknown(table, meaning.name)}; it covers {span:.6g}{', in whole numbers' if whole else ''}"
     units = {"rad_s": ("1", "rpm", "deg/s"), "m": ("1", "mm"), "m_s": ("1", "mm/s"), "a": ("1", "ma"), "n": ("1", "kn")}.get(own, ("1",))
-    return tuple(f"{column}={name}*{unit}" for unit in units), "unsure", "its unit is not stated"
+    return tuple(f"{column}={name}*{unit}" for unit in units), "unsure", _unknown(table, meaning.name)
+
+
+def _unknown(table: Table, name: str) -> str:
+    unit = table.unit(name)
+    return f"its unit {unit!r} is none of its quantity" if unit else "its unit is not stated"
 
 
 def _possible(largest: float, peak: float) -> bool:

@@ -26,6 +26,8 @@ _LIGHTEST_SHARE = 0.7
 _CERTAIN, _DYNAMIC = 4.0, 0.05
 #: Times the motor's inertia, of all that it turns, that no servo axis is built with.
 _APART = 100.0
+#: Times its rated torque, that no servo motor gives for a moment.
+_MOST_RATED = 10.0
 #: Two measures of one motion agree to this; where their likeness is smaller, filters and noise part them too.
 _AGREE, _ALIKE = 0.05, 0.995
 #: Rows that a slower torque stays the same in, changes and levels that it needs to be one, and share of those that may follow at once.
@@ -129,7 +131,10 @@ def _held_rows(recording: Recording) -> int:
 
 def _inertia(recording: Recording, axis: Axis, ratio: float | None) -> Iterator[Doubt]:
     """Torque against acceleration: the sum of everything that is moved must be positive, and of this axis's size."""
-    found = rigid_inertia(recording.t_s, recording.torque, recording.position, weight=ratio is None and recording.side != "load")
+    weight = ratio is None and recording.side != "load"
+    found = rigid_inertia(recording.t_s, recording.torque, recording.position, weight=weight)
+    if found is not None and found.inertia < 0.0 and ratio is None:  # a spring turns it, too; no belt draws its axis to a place
+        found = rigid_inertia(recording.t_s, recording.torque, recording.position, weight=weight, spring=True)
     if found is None or abs(found.inertia) < _CERTAIN * found.error or found.dynamic < _DYNAMIC:
         return
     motor = axis.motor.inertia_kg_m2
@@ -293,6 +298,12 @@ def _torque_levels(recording: Recording, axis: Axis) -> Iterator[Doubt]:
             f"it looks like thousandths of a rated torque or a converter's counts: --map {column}=NAME*RATED/1000",
         )  # fmt: skip
     rated = axis.motor.rated_torque_nm
+    largest = float(np.abs(torque).max())
+    if rated is not None and axis.motor.peak_torque_nm is None and recording.side == "motor" and largest > _MOST_RATED * rated:
+        yield Doubt(
+            "the largest torque_nm", f"{largest:.4g} N m", f"at most {_MOST_RATED:g} times the rated {rated:g} N m",
+            "look at its unit (thousandths? per cent of rated?) and at motor.rated_torque_nm",
+        )  # fmt: skip
     if rated is not None and recording.side == "motor" and float(np.ptp(torque)) < 2e-3 * rated:
         yield Doubt(
             "the torque's range", f"{np.ptp(torque):.3g} N m", f"more than two thousandths of the rated {rated:g} N m",

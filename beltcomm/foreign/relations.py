@@ -68,7 +68,7 @@ def relations(table: Table, time: str = "") -> Relations:
     if pair:
         place = list(table.columns).index
         words.append((velocity, f"column {place(velocity) + 1} looks like the derivative of column {place(position) + 1}{_times(factor)}"))
-        words.append((position, f"column {place(velocity) + 1} looks like its derivative"))
+        words.append((position, f"column {place(velocity) + 1} looks like its derivative{_times(factor)}"))
     torques, position = _drivers(table, values, [name for name in moving if name != velocity], position, stamps, words)
     return Relations(clock, position, velocity, torques, factor, tuple(words))
 

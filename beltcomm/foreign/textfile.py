@@ -54,9 +54,9 @@ def read_text_table(
     content = [line for line in look.sample if not line.text.lstrip().startswith(_COMMENT)]
     if not content:
         raise DataError(f"{path} holds no rows")
-    form = recognised(path, content, separator, decimal)
     lines = [line for line in look.head if line.text.strip()]
-    begin = next((line for line in lines if not line.text.lstrip().startswith(_COMMENT) and form.is_row(form.fields(line.text))), None)
+    form = recognised(path, content, lines, separator, decimal)
+    begin = _first_row(lines, form)
     if begin is None:
         where = f" in its first {_HEAD_LINES} lines" if len(look.head) == _HEAD_LINES else ""
         raise DataError(f"{path} holds no row of numbers{where} ({form.words()}); give --separator, --decimal or --skip-lines")
@@ -87,6 +87,16 @@ def read_text_table(
     stated = {name: unit for name, unit in zip(names, heading.units, strict=False) if unit}
     table = Table(str(path), columns, stated, (*notes, *remarks))
     return with_own_clocks(unstacked(table), heading)
+
+
+def _first_row(lines: Sequence[TextLine], form: Format) -> TextLine | None:
+    """The first line that is a row, or that of numbers just above it which has lost some."""
+    at = next(
+        (k for k, line in enumerate(lines) if not line.text.lstrip().startswith(_COMMENT) and form.is_row(form.fields(line.text))), -1
+    )
+    while at > 0 and len(above := form.fields(lines[at - 1].text)) > 1 and form.is_torn(above):
+        at -= 1
+    return lines[at] if at >= 0 else None
 
 
 def _heading(path: Path, lines: Sequence[TextLine], begin: TextLine, form: Format) -> Heading:
@@ -273,8 +283,8 @@ class TextRows:
 
     def _keep(self, rows: Sequence[tuple[TextLine, list[str]]]) -> None:
         form, path = self._form, self._path
-        whole = [row for row in rows if len(row[1]) == form.width and not self._is_remark(*row)]
-        torn = [row for row in rows if len(row[1]) != form.width and not self._is_remark(*row)]
+        whole = [row for row in rows if form.is_whole(row[1]) and not self._is_remark(*row)]
+        torn = [row for row in rows if not form.is_whole(row[1]) and not self._is_remark(*row)]
         self._said += [(line.number, line.text.strip()) for line, fields in rows if self._is_remark(line, fields)]
         if torn:
             lines = [line.number for line, _ in whole]
@@ -282,13 +292,21 @@ class TextRows:
             inside = [k for k, count in enumerate(before) if self._part.first <= count < self._part.last]
             if inside and not self._torn_rows:
                 (bad, fields), count = torn[inside[0]], before[inside[0]]
+                wide = f"has {len(fields)} values, the rows have {form.width}"
+                has = f"begins with {fields[0][:30]!r}, the rows with numbers" if len(fields) == form.width else wide
                 raise DataError(
-                    f"{path}: line {bad.number} has {len(fields)} values, the rows have {form.width}; it is torn or begins another "
+                    f"{path}: line {bad.number} {has}; it is torn or begins another "
                     f"record: --rows :{count} or --rows {count + 1}: takes a part of the file, --drop-incomplete leaves such lines out"
                 )
             self._torn += [line.number for line, _ in torn]
+        if torn and self._torn_rows and not form.has_text:  # they keep their places, for time may be a count of the rows
+            whole = [(line, fields if form.is_whole(fields) else [""] * form.width) for line, fields in rows if self._stays(line, fields)]
         cells = list(zip(*(fields for _, fields in whole), strict=True)) or [()] * form.width
         self._append([self._column(j, cells[j], whole) for j in range(form.width)])
+
+    def _stays(self, line: TextLine, fields: Sequence[str]) -> bool:
+        """True for a row, or one that has lost some of its numbers."""
+        return self._form.is_torn(fields) or (self._form.is_whole(fields) and not self._is_remark(line, fields))
 
     def _is_remark(self, line: TextLine, fields: Sequence[str]) -> bool:
         """True if a line between rows is words alone; the header again is none, for another record begins there."""

@@ -22,6 +22,8 @@ MISSING = {"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "inf", "-i
 #: Lines looked at to recognise the format, and the share of them that must be rows of one length.
 _SAMPLED_LINES = 60
 _REGULAR_SHARE = 0.8
+#: Share of the rows that have words in a column of none: keys of a block between two records, remarks.
+_SELDOM = 0.01
 #: Thousands in groups of three under a decimal comma, and under a decimal point.
 _GROUPED = {
     True: re.compile(r"[-+]?\d{1,3}(\.\d{3})+(,\d*)?([eE][-+]?\d+)?"),
@@ -70,6 +72,11 @@ class Format(NamedTuple):
     blank: tuple[bool, ...] = ()
     grouped: bool = False
 
+    @property
+    def has_text(self) -> bool:
+        """True if some column holds words."""
+        return not all(numeric or blank for numeric, blank in zip(self.numeric, self.blank, strict=True))
+
     def fields(self, line: str) -> list[str]:
         """The cells of a line."""
         return _split(line, self.separator)
@@ -89,6 +96,17 @@ class Format(NamedTuple):
         return any(value is not None and np.isfinite(value) for value in values) and all(
             value is not None or cell.lower() in MISSING for cell, value in zip(cells, values, strict=True)
         )
+
+    def is_whole(self, fields: Sequence[str]) -> bool:
+        """True for as many cells as a row has, without a key before its numbers as a block of properties has."""
+        before = self.numeric.index(True) if True in self.numeric else 0
+        keyed = any(cell and empty for cell, empty in zip(fields[:before], self.blank[:before], strict=False))
+        return len(fields) == self.width and not keyed
+
+    def is_torn(self, fields: Sequence[str]) -> bool:
+        """True for numbers alone that are not as many as in a row."""
+        filled = [cell for cell in fields if cell.lower() not in MISSING]
+        return len(fields) != self.width and bool(filled) and all(self.number(cell) is not None for cell in filled)
 
     def words(self) -> str:
         """For a note."""
@@ -118,8 +136,10 @@ def _number(text: str, decimal_comma: bool, grouped: bool = False) -> float | No
         return float(re.sub("[dD]", "e", text)) if _DOUBLE.fullmatch(text) else None
 
 
-def recognised(path: Path, content: Sequence[TextLine], separator: Separator | None, decimal: Decimal | None) -> Format:
-    """The format under which the most of the file's cells are numbers, in rows of one length."""
+def recognised(
+    path: Path, content: Sequence[TextLine], begin: Sequence[TextLine], separator: Separator | None, decimal: Decimal | None
+) -> Format:
+    """The format under which the most of the file's cells are numbers, in rows of one length.   begin : its first lines, all of them."""
     _check_standing(path, content)
     body = content[len(content) // 4 :]  # a preamble stands at the beginning
     sample = [body[i].text for i in np.unique(np.linspace(0, len(body) - 1, _SAMPLED_LINES).astype(int))]
@@ -148,7 +168,7 @@ def recognised(path: Path, content: Sequence[TextLine], separator: Separator | N
         raise DataError(
             f"{path} has units behind its numbers ({cell!r}); take them out (replace them by nothing) and put them into the names above"
         )
-    return _looked_through(form, content)
+    return _looked_through(form, content, begin)
 
 
 def _check_standing(path: Path, content: Sequence[TextLine]) -> None:
@@ -172,15 +192,23 @@ def _unit_in_cells(sample: Sequence[str]) -> str:
     return ""
 
 
-def _looked_through(form: Format, content: Sequence[TextLine]) -> Format:
-    """The format with what only many lines show: columns that seldom hold a value, and those that never do."""
-    body = content[len(content) // 4 :]
-    rows = [row for row in (form.fields(line.text) for line in body) if len(row) == form.width]
+def _looked_through(form: Format, content: Sequence[TextLine], begin: Sequence[TextLine]) -> Format:
+    """The format with what only many lines show: columns that seldom hold a value, those that do at the beginning alone, as a slower
+    signal beside faster ones does, and those that never do."""
+    rows, first = (
+        [row for row in (form.fields(line.text) for line in lines) if len(row) == form.width]
+        for lines in (content[len(content) // 4 :], begin)
+    )
+    early = list(zip(*(row for row in first if form.is_row(row)), strict=True)) or [()] * form.width
     numeric, blank = list(form.numeric), [False] * form.width
     for j, column in enumerate(zip(*rows, strict=True)):
         filled = [cell for cell in column if cell.lower() not in MISSING]
-        blank[j] = not any(column)
-        numeric[j] = numeric[j] or (bool(filled) and sum(form.number(cell) is not None for cell in filled) > 0.5 * len(filled))
+        numbers = sum(form.number(cell) is not None for cell in filled)
+        blank[j] = not numbers and sum(map(bool, column)) <= _SELDOM * len(column)
+        numeric[j] = numeric[j] or (bool(filled) and numbers > 0.5 * len(filled))
+        values = [form.number(cell) for cell in early[j] if cell]
+        if blank[j] and values and None not in values:
+            numeric[j], blank[j] = True, False
     return form._replace(numeric=tuple(numeric), blank=tuple(blank))
 
 

@@ -328,7 +328,7 @@ class RigidInertia:
         return self.accelerating / max(self.friction, 1e-300)
 
 
-def rigid_inertia(t_s: Array, torque: Array, position: Array, *, weight: bool = False) -> RigidInertia | None:
+def rigid_inertia(t_s: Array, torque: Array, position: Array, *, weight: bool = False, spring: bool = False) -> RigidInertia | None:
     """Inertia of the axis as one rigid body, from its slow motion; None for a record that is too short.
 
         torque = inertia acceleration + damping speed + level sign(speed) + constant,   each under a triangle of 0.16 s.
@@ -346,6 +346,8 @@ def rigid_inertia(t_s: Array, torque: Array, position: Array, *, weight: bool = 
         rad or m, by that side.
     weight : bool
         The load turns with the motor and may not be balanced: sine and cosine of the angle count as well.
+    spring : bool
+        Something draws the axis to one place: the position counts as well.
     """
     t_s, torque, position = livelier(t_s, torque, position)
     even = np.arange(t_s[0], t_s[-1], usual_step(t_s))
@@ -363,6 +365,8 @@ def rigid_inertia(t_s: Array, torque: Array, position: Array, *, weight: bool = 
     if weight:
         turned = [running_mean(running_mean(part, width), width)[1:-1][::every][:rows] for part in (np.sin(position), np.cos(position))]
         columns = np.column_stack([columns, *turned])
+    if spring:
+        columns = np.column_stack([columns, (middle[::every] - position[0])[:rows]])
     scale = np.maximum(np.abs(columns).max(axis=0), 1e-300)
     found = np.linalg.lstsq(columns / scale, force[:rows], rcond=1e-8)[0] / scale
     left = force[:rows] - columns @ found

@@ -95,6 +95,10 @@ KINDS: list[Kind] = [
         shown="temperature_c has no value in 172 of 1200 rows and is left out",
     ),
     Kind(
+        "US CSV, pounds and inches",
+        put("a.csv", table("Time (s),Torque (lbf-in),Position (deg)", (T, TORQUE / 0.112984829, np.degrees(ANGLE)), digits=8)),
+    ),
+    Kind(
         "US CSV, thousands in quotes",
         put(
             "a.csv",
@@ -194,6 +198,16 @@ KINDS: list[Kind] = [
         put("scope.csv", twincat([("fTorque", "Nm", TORQUE, 1e-3), ("fActPos", "rad", ANGLE[::2], 2e-3)], comma=True)),
         rows=slice(None, None, 2),
         tolerance=1e-2,
+    ),
+    Kind(
+        "TwinCAT 3 Scope, a signal ten times slower beside",
+        put(
+            "scope.csv",
+            twincat(
+                [("fTorque", "Nm", TORQUE, 1e-3), ("fActPos", "rad", ANGLE, 1e-3), ("Temp", "°C", 30.0 + 0.01 * T[::10], 1e-2)], comma=True
+            ),
+        ),
+        shown="temperature_c is of another raster",
     ),
     Kind(
         "TwinCAT 3 Scope, full time stamps",
@@ -325,6 +339,20 @@ KINDS: list[Kind] = [
         tolerance=1e-2,
     ),
     Kind(
+        "a long table, its time in ms by the name",
+        put(
+            "a.csv",
+            table(
+                "timestamp_ms;tag;value",
+                tuple(zip(*((round(1e3 * t), name, value) for t, name, value, _ in long_rows()), strict=True)),
+                ";",
+            ),
+        ),
+        ("--map", "torque_nm=axis.torque*1", "--map", "position_rad=axis.position*1"),
+        rows=slice(None, None, 2),
+        tolerance=1e-2,
+    ),
+    Kind(
         "a long table by WinCC",
         put("log0.csv", wincc()),
         ("--map", "torque_nm=axis.torque*1", "--map", "position_rad=axis.position*1"),
@@ -349,6 +377,21 @@ KINDS: list[Kind] = [
     Kind("TDMS", binary("a.tdms", tdms_file)),
     Kind("MCAP with JSON messages", binary("a.mcap", mcap_file)),
     Kind("JSON, columns", put("a.json", json.dumps({"t_s": T.tolist(), "torque_nm": TORQUE.tolist(), "position_rad": ANGLE.tolist()}))),
+    Kind(
+        "JSON, signals with their units",
+        put(
+            "a.json",
+            json.dumps(
+                {
+                    "t": T.tolist(),
+                    "signals": [
+                        {"name": "Torque", "unit": "mNm", "values": (1e3 * TORQUE).tolist()},
+                        {"name": "Angle", "unit": "deg", "values": np.degrees(ANGLE).tolist()},
+                    ],
+                }
+            ),
+        ),
+    ),
     Kind("JSON, records", put("a.txt", json.dumps({"device": "x", "data": records()}))),
     Kind("JSON, a record on each line", put("a.jsonl", "\n".join(json.dumps(record) for record in records()))),
     # refused with what they are

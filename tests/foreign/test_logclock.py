@@ -193,6 +193,21 @@ def test_frames_before_the_setup_are_counted_and_the_start_is_not_given_away(thr
     assert run.recordings()[0].sidecar.start_position_m == 0.25
 
 
+def test_a_log_written_twice_is_one_log(three: Logged, tmp_path: Path) -> None:
+    """As two sockets on one bus write it, each frame behind itself; the torque of each row stays."""
+    frames, t = of(three)
+    twice = [frame for frame in frames for _ in range(2)]
+    outcome, run = imported(tmp_path, "a.log", text(twice, np.repeat(EPOCH + t, 2)), "--start-position", "250mm")
+    assert outcome.exit_code == 0, outcome.output
+    check_three(run, three)
+    for record, mine in zip(run.recordings(), three.own, strict=True):
+        torque = mine["torque_nm"][:500]
+        places = range(len(record.torque) - len(torque) + 1)
+        assert any(np.abs(record.torque[k : k + len(torque)] - torque).max() < 1e-3 for k in places)
+    assert f"{len(frames)} frames that repeat the one before at the same time left out" in outcome.output
+    assert f"{len(frames)} of {2 * len(frames)} frames of the file were read" in outcome.output
+
+
 def test_a_clock_that_never_moves_is_refused_and_a_rate_helps(three: Logged, tmp_path: Path) -> None:
     frames, t = of(three)
     outcome, _ = imported(tmp_path, "a.log", text(frames, np.zeros(len(t))), "--start-position", "250mm")

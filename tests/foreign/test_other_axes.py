@@ -75,6 +75,16 @@ def test_a_driver_that_is_called_a_voltage_is_offered_as_one() -> None:
     assert any(guess.choices[:1] == ("position_rad=a*1",) for guess in guesses_for(table, {}, NO_BELT, timed=True))
 
 
+def test_a_voltage_is_offered_by_its_name_where_nothing_else_drives() -> None:
+    t, angle, _ = moved(3)
+    file = {"Time [s]": t, "Motor voltage [mV]": 1e3 * np.sin(t), "DC bus voltage [V]": 48.0 + t, "Angle [rad]": angle}
+    with pytest.raises(NeedsAnswers, match=r'motor_voltage_v="Motor voltage \[mV\]"\*mv\)'):
+        completed(Table("a", file), (), NO_BELT, timed=True)
+    with pytest.raises(NeedsAnswers, match=r"current_a=") as told:
+        completed(Table("a", {**file, "Current [A]": np.cos(t), "i2 [A]": np.cos(t)}), (), NO_BELT, timed=True)
+    assert "motor_voltage_v" not in str(told.value)
+
+
 @pytest.mark.examination
 def test_volts_through_import_and_fit(tmp_path: Path) -> None:
     """Gain and back-EMF are what the inertia and the damping in volt say: J R / K_t, and K_e + d R / K_t."""

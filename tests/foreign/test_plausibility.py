@@ -72,6 +72,25 @@ def test_torque_in_ampere_is_thought_of_where_that_alone_would_fit() -> None:
     assert "torque_nm is in ampere (--map current_a=NAME)" in line
 
 
+@pytest.mark.parametrize(("factor", "peak", "doubted"), [(1e3, None, True), (1.0, None, False), (1.0, 0.5, False)])
+def test_a_torque_far_above_the_rating_alone_is_doubted(factor: float, peak: float | None, doubted: bool) -> None:
+    motor = replace(AXIS.motor, inertia_kg_m2=None, peak_torque_nm=peak, rated_torque_nm=0.3)
+    axis = replace(AXIS, motor=motor, pulley=replace(AXIS.pulley, effective_radius_m=None))
+    lines = [str(found) for found in findings(Recording("a", T, factor * TORQUE, ANGLE), axis)]
+    assert any("expected at most 10 times the rated 0.3 N m" in line for line in lines) is doubted, lines
+
+
+@pytest.mark.parametrize(("sign", "stiffness", "doubted"), [(1.0, 0.3, False), (-1.0, 0.0, True)])
+def test_a_spring_is_no_wrong_sign(sign: float, stiffness: float, doubted: bool) -> None:
+    """At a few Hz it takes more than the inertia, against it; a sign that is wrong in truth is told all the same."""
+    angle = 2.0 * np.sin(2.6 * math.pi * T) + 0.8 * np.sin(6.2 * math.pi * T + 0.4)
+    speed = np.gradient(angle, T)
+    torque = 2.5e-4 * np.gradient(speed, T) + 1e-3 * speed + stiffness * angle + np.random.default_rng(1).normal(0.0, 4e-3, len(T))
+    axis = replace(AXIS, motor=replace(AXIS.motor, inertia_kg_m2=None), pulley=replace(AXIS.pulley, effective_radius_m=None))
+    lines = [str(found) for found in findings(Recording("a", T, sign * torque, angle), axis)]
+    assert any("--flip torque" in line for line in lines) is doubted, lines
+
+
 @pytest.mark.parametrize(("ratio", "inertia", "asked"), [(20.0, None, True), (20.0, 7e-5, False), (1.0, None, False)])
 def test_behind_a_gearbox_nobody_knows_at_which_shaft_a_torque_was_taken(ratio: float, inertia: float | None, asked: bool) -> None:
     """Where the motor's inertia is known, that tells it."""

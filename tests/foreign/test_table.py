@@ -9,11 +9,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from scipy.io import savemat
 
+from beltcomm.cli.main import cli
 from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.files import read_table
 from beltcomm.foreign.textfile import RowSpan
+from beltcomm.runfolder import RunFolder
+from foreign import makers
+from foreign.makers import ANGLE, labview
 from foreign.samples import swing, text, write
 
 T, CURRENT, ENCODER = swing()
@@ -83,8 +88,51 @@ def test_torn_lines_are_refused_or_left_out(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"line 51 has 1 values, the rows have 3; .*--drop-incomplete"):
         read_table(path)
     table = read_table(path, torn_rows=True)
-    assert len(table.columns["time"]) == 99
+    assert np.flatnonzero(np.isnan(table.columns["time"])).tolist() == [49]  # its place stays: time may be a count of the rows
+    assert len(table.columns["time"]) == 100
     assert "1 torn lines left out, the first is line 51" in table.notes
+
+
+def torn_lvm(path: Path, row: int) -> tuple[Path, int]:
+    """LabVIEW's file without stamps, a row of which has lost its last number; and the line before that."""
+    lines = labview("No").splitlines()
+    at = lines.index("X_Value\tTorque\tPosition\tComment") + 1 + row
+    lines[at] = lines[at].rpartition("\t")[0]
+    return write(path, "\n".join([*lines, ""])), at
+
+
+def test_a_torn_line_before_all_rows_is_told_and_no_header(tmp_path: Path) -> None:
+    path, at = torn_lvm(tmp_path / "a.lvm", 0)
+    table = read_table(path)
+    assert f"1 torn lines left out, the first is line {at + 1}" in table.notes
+    np.testing.assert_allclose(table.columns["Position"], ANGLE[1:], atol=1e-6)
+
+
+@pytest.mark.parametrize("torn", [1, 40])
+def test_a_torn_line_keeps_its_place_where_the_time_is_a_count_of_rows(torn: int, tmp_path: Path) -> None:
+    """In LabVIEW's file without stamps: no later row may move."""
+    path, at = torn_lvm(tmp_path / "a.lvm", torn)
+    outcome = CliRunner().invoke(cli, ["import", str(path), "--run", str(tmp_path / "run")])
+    assert outcome.exit_code == 3
+    assert f"line {at + 1} has 2 values, the rows have 3; it is torn" in outcome.output
+    outcome = CliRunner().invoke(cli, ["import", str(path), "--run", str(tmp_path / "run"), "--drop-incomplete"])
+    assert outcome.exit_code == 0, outcome.output
+    record = RunFolder.open(tmp_path / "run").recordings()[0]
+    np.testing.assert_allclose(record.t_s, np.delete(makers.T, torn), atol=1e-9)
+    np.testing.assert_allclose(record.position, np.delete(ANGLE, torn), atol=1e-6)
+
+
+def test_two_records_of_labview_in_one_file_are_told_by_their_rows(tmp_path: Path) -> None:
+    text = labview("No")
+    second = text[text.index("Channels") :]
+    path = write(tmp_path / "a.lvm", text + "\n" + second)
+    words = ["import", str(path), "--run", str(tmp_path / "run")]
+    outcome = CliRunner().invoke(cli, words)
+    assert outcome.exit_code == 3
+    assert "or begins another record: --rows :1200 or --rows 1201: takes a part" in outcome.output
+    outcome = CliRunner().invoke(cli, [*words, "--rows", "1201:"])
+    assert outcome.exit_code == 0, outcome.output
+    np.testing.assert_allclose(RunFolder.open(tmp_path / "run").recordings()[0].position, ANGLE, atol=1e-6)
 
 
 def test_what_is_torn_outside_of_the_rows_that_are_wanted_does_not_matter(tmp_path: Path) -> None:
