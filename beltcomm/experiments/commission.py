@@ -5,7 +5,7 @@ Where nobody can write the drive's gains, the loop that a person has set in it c
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -418,6 +418,49 @@ def measure_friction(
     return machine.record(name, machine.follow(strokes.trajectory, machine.stroking()), phases.stroke_envelope(machine), sidecar)
 
 
+def final_of(
+    recordings: Sequence[Recording], axis: Axis, counts_per_rev: int, first: Model | None, progress: Callable[[float], None]
+) -> FinalModel:
+    """The fit that `beltcomm fit` makes of these records; begun from a first model where that is none or explains them better.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Of the run.
+    axis : Axis
+        Data sheets.
+    counts_per_rev : int
+        Of the encoder.
+    first : Model or None
+        Of a part of the records.
+    progress : callable
+        Told the share that is done, 0 to 1.
+
+    Returns
+    -------
+    FinalModel
+        With its reason.
+
+    Raises
+    ------
+    DataError
+        When no record can be fitted.
+    """
+    try:
+        found = final_model(recordings, axis, counts_per_rev, progress=progress)
+    except DataError:
+        if first is None:
+            raise
+        return final_model(recordings, axis, counts_per_rev, start=first)
+    if first is None or not found.fit.suspect:
+        return found
+    try:
+        other = final_model(recordings, axis, counts_per_rev, start=first)
+    except DataError:
+        return found
+    return other if other.fit.misfit < found.fit.misfit else found
+
+
 def fit_and_design(machine: Machine, findings: Findings, settings: Settings) -> Cascade:
     """Phase 6: final fit over all records, final design; returns what goes into the drive."""
     machine.begin(TITLES[6])
@@ -425,14 +468,7 @@ def fit_and_design(machine: Machine, findings: Findings, settings: Settings) -> 
     counts = machine.drive.capabilities.counts_per_rev
     first = findings.final.fit.model if findings.final else None
     with machine.withdrawing():
-        try:
-            findings.final = final_model(recordings, machine.axis, counts, start=first, progress=lambda f: machine.talk.progress(f, None))
-            if findings.final.fit.suspect and first is not None:
-                findings.final = from_records_alone(findings.final, recordings, machine.axis, counts)
-        except DataError:
-            if first is None:
-                raise
-            findings.final = final_model(recordings, machine.axis, counts)  # the first model was far off: none of the motion fits it
+        findings.final = final_of(recordings, machine.axis, counts, first, lambda f: machine.talk.progress(f, None))
     model = findings.final.fit.model
     stated = machine.drive.capabilities.torque_reading
     findings.remarks += stated_remarks(findings.final.fit.path, stated, machine.drive.capabilities.sample_period_s)
