@@ -23,6 +23,8 @@ LONG, SHORT = 1.6, 0.4
 #: Times its neighbours above, and below, which a step is unusual.  Lost rows make no step between these and the others: where such steps
 #: are as many, the motion itself is as rough.
 LONGER, SHORTER = 1.25, 0.75
+#: Steps that must have been judged: of fewer, those in the middle of a swing look alike by chance.
+FEWEST_JUDGED = 30
 #: Times its neighbours that the step beyond them is, a row lost or written twice there too, or none of this; else the motor swings.
 SWINGS = (-0.25, 2.25)
 #: Largest deviation of a time step from a whole number of periods, in periods, that is no jitter.
@@ -102,6 +104,8 @@ def uneven_rows(t_s: Array, position: Array) -> Uneven:
         else:
             none_then_two = (np.abs(by_row) < SHORT) & (np.abs(by_time) < SHORT) & (steps[3:][at] / mean[at] > LONG)
             repeated += list(at[none_then_two] + 3)
+    if judged < FEWEST_JUDGED:
+        return Uneven(none, none, judged)
     return Uneven(np.unique(np.array(missing, dtype=np.intp)), np.unique(np.array(repeated, dtype=np.intp)), judged)
 
 

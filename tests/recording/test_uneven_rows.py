@@ -41,3 +41,14 @@ def test_a_motor_that_swings_from_one_side_to_the_other_repeats_no_row() -> None
     found = uneven_rows(t_s, position_of(steps))
     assert found.judged > 1000
     assert not len(found.repeated)
+
+
+def test_swings_of_five_rows_lose_none() -> None:
+    """An axis that is shaken on its resonance at 2 kHz: alike in the middle of a swing, one of its steps is the largest."""
+    t_s, steps = PERIOD_S * np.arange(ROWS), np.zeros(ROWS)
+    for row in (1500, 4500, 6500):
+        steps[row : row + 11] = [150, 216, 533, 1300, 1156, 1971, 1210, 1150, 42, -881, -815]
+        steps[row + 11 : row + 23] = -np.cumsum(steps[row : row + 11])[-1] / 12
+    found = uneven_rows(t_s, position_of(steps))
+    assert found.judged < 30
+    assert not len(found.missing)
