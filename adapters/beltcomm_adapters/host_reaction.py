@@ -50,13 +50,25 @@ def heed(objects: Objects, lending: Lending, stated: Mapping[str, int]) -> None:
 
 
 def needs_lending(objects: Objects) -> bool:
-    """True if :func:`heed` would change something."""
+    """True if :func:`heed` would change something.
+
+    Parameters
+    ----------
+    objects : Objects
+        Of the drive.
+    """
     node, axis = behaviour(objects)
     return node == STOPPED or axis == NOTHING
 
 
 def words(objects: Objects) -> str:
-    """Its reaction, in half a sentence; "" where it tells nothing."""
+    """Reaction of a drive to the loss of its host, in half a sentence; "" where it tells nothing.
+
+    Parameters
+    ----------
+    objects : Objects
+        Of the drive.
+    """
     node, axis = behaviour(objects)
     said = []
     if node is not None:

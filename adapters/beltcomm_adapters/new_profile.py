@@ -126,7 +126,13 @@ def _vendors(entries: Iterable[DictionaryEntry]) -> list[DictionaryEntry]:
 
 
 def text_of(facts: Facts) -> str:
-    """The file."""
+    """Text of a profile made of what was read.
+
+    Parameters
+    ----------
+    facts : Facts
+        Of drive and dictionary.
+    """
     maker, product = facts.identity.get("maker", ""), facts.identity.get("device_name", "")
     title = f"{maker} {product}".strip() or "a CiA 402 drive"
     name = re.sub(r"[^a-z0-9]+", "-", (product or title).lower()).strip("-") or "my-drive"

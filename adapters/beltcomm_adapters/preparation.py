@@ -123,7 +123,20 @@ def check_path(motion: Motion, limits: Limits, here_rad: float) -> None:
 
 
 def check_speed(velocity_rad_s: Array, limits: Limits) -> None:
-    """Raise UsageError for velocities, rad/s at the motor, above the limit."""
+    """Refuse velocities above the limit.
+
+    Parameters
+    ----------
+    velocity_rad_s : ndarray (n,), rad/s
+        Motor shaft.
+    limits : Limits
+        Of the motion.
+
+    Raises
+    ------
+    UsageError
+        With both.
+    """
     fastest = float(np.abs(velocity_rad_s).max())
     if fastest > limits.speed_rad_s * (1 + 1e-9):
         raise UsageError(f"the motion reaches {fastest:.4g} rad/s, the limit is {limits.speed_rad_s:.4g} rad/s; slow it down")
@@ -171,7 +184,27 @@ def lend_settings(
     limits: Limits,
     motion: Motion | None = None,
 ) -> None:
-    """Of :func:`prepare` what is a setting, no mode and no setpoint; limits that the drive does not take are in ``lending.refused``."""
+    """Settings of :func:`prepare` that are no mode and no setpoint; limits that the drive does not take are in ``lending.refused``.
+
+    Parameters
+    ----------
+    objects : Objects
+        Of the drive.
+    lending : Lending
+        Keeps what is put back.
+    profile : Profile
+        Of the drive.
+    scaling : Scaling
+        Units of the drive.
+    mode : int
+        Of operation.
+    period_s : float, s
+        Of SYNC.
+    limits : Limits
+        Of the motion.
+    motion : Motion or None
+        That is asked for; None for none.
+    """
     believed = lend_quick_stop(objects, lending, scaling, limits)
     if profile.sync_change == "at_once" and (sync_period_s(objects) is not None or objects.read_if_there(0x60C2, 1, "uint8") is not None):
         value, power = _interpolation_time(period_s)
@@ -206,7 +239,19 @@ def lend_settings(
 
 
 def lend_mode(objects: Objects, lending: Lending, machine: StateMachine, mode: int) -> None:
-    """Another mode of operation, 6060h, confirmed by the drive."""
+    """Another mode of operation, 6060h, confirmed by the drive.
+
+    Parameters
+    ----------
+    objects : Objects
+        Of the drive.
+    lending : Lending
+        Keeps what is put back.
+    machine : StateMachine
+        Of the drive.
+    mode : int
+        Of operation.
+    """
     if objects.read_int(0x6060, 0, "int8"):
         lending.set(0x6060, 0, "int8", mode)
     else:  # "no mode" is where a drive starts and cannot be gone back to
@@ -218,6 +263,17 @@ def lend_quick_stop(objects: Objects, lending: Lending, scaling: Scaling, limits
     """A quick stop that ends disabled, with the deceleration of the limits; False where the unit of accelerations makes no sense.
 
     Then nothing is written in that unit, neither a stop nor a ramp.
+
+    Parameters
+    ----------
+    objects : Objects
+        Of the drive.
+    lending : Lending
+        Keeps what is put back.
+    scaling : Scaling
+        Units of the drive.
+    limits : Limits
+        Of the motion.
     """
     lending.set_if_there(0x605A, 0, "int16", _QUICK_STOP_AND_DISABLE)
     believed = believes_ramp(objects, lending, scaling, limits.speed_rad_s)
@@ -303,7 +359,21 @@ def _interpolation_time(period_s: float) -> tuple[int, int]:
 
 
 def tighten_torque_and_speed(objects: Objects, lending: Lending, profile: Profile, scaling: Scaling, limits: Limits) -> None:
-    """6072h and 6080h, never above what they are; a drive without them is watched by the host alone."""
+    """Set 6072h and 6080h to the limits, never above what they are; a drive without them is watched by the host alone.
+
+    Parameters
+    ----------
+    objects : Objects
+        Of the drive.
+    lending : Lending
+        Keeps what is put back.
+    profile : Profile
+        Of the drive.
+    scaling : Scaling
+        Units of the drive.
+    limits : Limits
+        Of the motion.
+    """
     torque = max(math.ceil(limits.torque_nm / scaling.torque_nm), profile.torque_limit_lowest_permille)
     if torque < (objects.read_if_there(0x6072, 0, "uint16") or 0):
         limit(objects, lending, 0x6072, 0, "uint16", torque, lambda raw: raw * scaling.torque_nm, "N m")
@@ -391,7 +461,22 @@ def guard(objects: Objects, lending: Lending, profile: Profile, guard_s: float) 
 
 
 def homing_speeds_rad_s(objects: Objects, scaling: Scaling, limits: Limits) -> tuple[float, float]:
-    """The two speeds of the drive's homing (6099h).  Raises UsageError when one is above the limit."""
+    """The two speeds of the drive's homing (6099h), rad/s at the motor.
+
+    Parameters
+    ----------
+    objects : Objects
+        Of the drive.
+    scaling : Scaling
+        Units of the drive.
+    limits : Limits
+        Of the motion.
+
+    Raises
+    ------
+    UsageError
+        When one is above the limit.
+    """
     fast, slow = (objects.read_int(0x6099, part, "uint32") * scaling.speed_rad_s for part in (1, 2))
     if max(fast, slow) > limits.speed_rad_s:
         raise UsageError(
@@ -403,7 +488,20 @@ def homing_speeds_rad_s(objects: Objects, scaling: Scaling, limits: Limits) -> t
 
 @contextmanager
 def homing_method(objects: Objects, profile: Profile) -> Iterator[None]:
-    """The method of the profile in 6098h, put back after it.   Raises Refused where there is none or the drive does not take it."""
+    """The method of the profile in 6098h, put back after it.
+
+    Parameters
+    ----------
+    objects : Objects
+        Of the drive.
+    profile : Profile
+        Of the drive.
+
+    Raises
+    ------
+    Refused
+        Where there is none or the drive does not take it.
+    """
     if profile.homing_method is None:
         if objects.read_if_there(*HOMING) == 0:
             raise Refused(

@@ -88,7 +88,13 @@ class _Transfer:
 
 
 def objects_seen(log: FrameLog) -> list[Seen]:
-    """Every SDO transfer that was confirmed, expedited or in segments; aborted ones are none."""
+    """Every SDO transfer that was confirmed, expedited or in segments; aborted ones are none.
+
+    Parameters
+    ----------
+    log : FrameLog
+        Frames with their times, s.
+    """
     found: list[Seen] = []
     pending: dict[int, _Transfer] = {}
     base = log.identifier & ~0x7F
@@ -142,7 +148,15 @@ def _answered(pending: dict[int, _Transfer], node: int, data: bytes) -> _Transfe
 
 
 def pdos(seen: list[Seen], node: int) -> list[Pdo]:
-    """Every change of what the PDOs of a node carry.   A COB-ID that the log does not show is the one of CiA 301, 7.3.5."""
+    """Every change of what the PDOs of a node carry.   A COB-ID that the log does not show is the one of CiA 301, 7.3.5.
+
+    Parameters
+    ----------
+    seen : list of Seen
+        Transfers of the log.
+    node : int
+        Its number.
+    """
     state: dict[tuple[str, int], dict[str, int]] = {}
     entries: dict[tuple[str, int], dict[int, int]] = {}
     last: dict[tuple[str, int], Pdo] = {}

@@ -33,7 +33,19 @@ _CONTINUOUS = _POSITIONS | {channels["velocity"] for channels in CHANNELS.values
 def on_one_raster(table: Table, sources: Mapping[str, Source], kept: Mapping[str, str]) -> tuple[Table, dict[str, Source], tuple[str, ...]]:
     """The table with all mapped columns on one raster, the sources with its time, and sentences on what was done.
 
-    Raises DataError for time stamps that do not rise, or signals that were not recorded at the same time.
+    Parameters
+    ----------
+    table : Table
+        Columns as they were read.
+    sources : mapping of str to Source
+        By column of ours.
+    kept : mapping of str to str
+        Further columns, by their names here.
+
+    Raises
+    ------
+    DataError
+        For time stamps that do not rise, or signals that were not recorded at the same time.
     """
     names = {column: source.theirs for column, source in sources.items() if column != "t_s"}
     names |= {f"kept {name}": theirs for name, theirs in kept.items()}

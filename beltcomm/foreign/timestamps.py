@@ -99,7 +99,13 @@ def _day(text: tuple[str, str, str], places: tuple[int, int, int]) -> int:
 
 
 def rough_stamps(t_s: Column) -> str:
-    """A sentence on stamps that were kept as single-precision numbers, when that is coarse beside their steps; "" else."""
+    """A sentence on stamps that were kept as single-precision numbers, when that is coarse beside their steps; "" else.
+
+    Parameters
+    ----------
+    t_s : Column (n,), s
+        As they were read.
+    """
     if len(t_s) < 3 or not np.array_equal(t_s, t_s.astype(np.float32).astype(np.float64)):
         return ""
     resolution, step = float(np.spacing(np.float32(np.abs(t_s).max()))), float(np.median(np.diff(t_s)))
@@ -113,7 +119,13 @@ def rough_stamps(t_s: Column) -> str:
 
 
 def joined_counter(values: Column) -> tuple[Column, str]:
-    """Whole stamps with a counter that began anew joined, and a sentence on it; as they are, and "", where there is none."""
+    """Whole stamps with a counter that began anew joined, and a sentence on it; as they are, and "", where there is none.
+
+    Parameters
+    ----------
+    values : Column (n,)
+        Stamps in ticks.
+    """
     whole = len(values) > 2 and np.isfinite(values).all() and np.array_equal(values, np.round(values)) and values.min() >= 0.0
     steps = np.diff(values.astype(np.float64)) if whole else np.zeros(0)
     back = np.flatnonzero(steps < 0.0)

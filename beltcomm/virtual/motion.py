@@ -9,7 +9,20 @@ Segment = tuple[float, float]
 
 
 def stop_segments(speed: float, deceleration: float) -> list[Segment]:
-    """Brake to rest."""
+    """Segments of a motion that brakes to rest.
+
+    Parameters
+    ----------
+    speed : float
+        Either way, at the start.
+    deceleration : float
+        In that unit over s.
+
+    Returns
+    -------
+    list of Segment
+        Duration, s, and acceleration.
+    """
     return [(abs(speed) / deceleration, -math.copysign(deceleration, speed))]
 
 

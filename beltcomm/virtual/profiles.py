@@ -119,7 +119,13 @@ def _mode_bits(modes: frozenset[int]) -> int:
 
 
 def signs(dictionary: ObjectDictionary) -> tuple[int, int]:
-    """Of position and velocity, by 607Eh."""
+    """Signs of position and velocity by 607Eh.
+
+    Parameters
+    ----------
+    dictionary : ObjectDictionary
+        Of the drive.
+    """
     polarity = dictionary.entry(0x607E).value
     return (-1 if polarity & 0x80 else 1), (-1 if polarity & 0x40 else 1)
 
@@ -353,7 +359,17 @@ CMMP_AS = VirtualProfile(
 
 
 def with_gain_units(profile: VirtualProfile, velocity: float, position: float, integral_time: float = 1.0) -> VirtualProfile:
-    """Profile whose gains of 1.0 mean so many times what docs/reference-drive.md says of them."""
+    """Profile whose gains of 1.0 mean so many times what docs/reference-drive.md says of them.
+
+    Parameters
+    ----------
+    profile : VirtualProfile
+        Whose gains are taken.
+    velocity, position : float
+        Factors of the gains.
+    integral_time : float
+        Factor of the integral time.
+    """
 
     def cascade(dictionary: ObjectDictionary, motor: Nameplate) -> Cascade:
         said = profile.cascade(dictionary, motor)
