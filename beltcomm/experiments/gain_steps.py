@@ -53,7 +53,15 @@ _TOLD = "ki_nm_rad"
 
 
 def line(axis: Axis, capabilities: Capabilities) -> tuple[Experiment, ...]:
-    """The plan's line, where this drive's gains have no known meaning yet."""
+    """The plan's line, where this drive's gains have no known meaning yet.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    capabilities : Capabilities
+        Of the drive.
+    """
     return (experiment(axis, capabilities),) if capabilities.uncalibrated else ()
 
 

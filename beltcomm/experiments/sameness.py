@@ -27,7 +27,20 @@ AS_LOUD = 0.9
 
 
 def check_breakaway(machine: Machine, coulomb_nm: float) -> None:
-    """Note the breakaway torque; in a resumed run raise Refused when it is grossly another one than at the beginning."""
+    """Note the breakaway torque; in a resumed run refuse one that is grossly another than at the beginning.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    coulomb_nm : float, N m, motor shaft
+        As measured now.
+
+    Raises
+    ------
+    Refused
+        With both.
+    """
     known = machine.folder.load_result("breakaway")
     if known is None:
         machine.folder.save("results", "breakaway", {"coulomb_nm": coulomb_nm})

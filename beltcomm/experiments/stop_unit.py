@@ -127,7 +127,13 @@ def judge(stop: ObservedStop, speed_m_s: float, meant_m_s2: float, ratio: float,
 
 
 def is_tried(capabilities: Capabilities) -> bool:
-    """True if such a stop could tell something that the drive does not."""
+    """True if such a stop could tell something that the drive does not.
+
+    Parameters
+    ----------
+    capabilities : Capabilities
+        Of the drive.
+    """
     return bool(capabilities.stop_unit) and stroking(capabilities) != "profile"
 
 
@@ -212,7 +218,15 @@ def ensure(machine: Machine, model: Model, *, again: bool = False) -> None:
 
 
 def tell_untold(machine: Machine, why: str) -> None:
-    """Tell why no stop has shown what the drive's decelerations count in, where the drive does not tell either."""
+    """Tell why no stop has shown what the drive's decelerations count in, where the drive does not tell either.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    why : str
+        Behind the colon of the sentence.
+    """
     if is_tried(machine.drive.capabilities):
         machine.remark(
             f"no stop has shown what the quick stop (6085h) counts in, and {machine.drive.capabilities.stop_unit}: {why}; compare it with "

@@ -261,6 +261,13 @@ def refit_from_several_stiffnesses(data: Data, grown: Fitted) -> tuple[Data, Fit
     """Records and model with a coupling, the motion between the samples rebuilt by it until both agree, from several stiffnesses; the best.
 
     The pulley swings faster than the samples show, so what it did there follows from the model, and more than one model agrees with that.
+
+    Parameters
+    ----------
+    data : Data
+        The records.
+    grown : Fitted
+        Fitted with the coupling.
     """
     tried = [(data, grown)]
     for factor in ASIDE:

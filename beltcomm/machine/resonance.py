@@ -49,7 +49,17 @@ class Swing:
 
 
 def band_of(model: Model, window_m: tuple[float, float], period_s: float) -> tuple[float, float]:
-    """Around the first resonance at both ends of a window and above, Hz, as far as rows with this period can show it."""
+    """Around the first resonance at both ends of a window and above, Hz, as far as rows with this period can show it.
+
+    Parameters
+    ----------
+    model : Model
+        With any bodies.
+    window_m : tuple of float, m
+        Ends.
+    period_s : float, s
+        Of the rows.
+    """
     lowest = math.inf
     for place in window_m:
         shape = shape_of(model, place)

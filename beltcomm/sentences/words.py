@@ -102,7 +102,13 @@ def _named(remark: str) -> str:
 
 
 def thesis_lines(fits: Mapping[str, MagnitudeFit]) -> list[str]:
-    """The log-magnitude fits beside the final one."""
+    """The log-magnitude fits beside the final one.
+
+    Parameters
+    ----------
+    fits : mapping of str to MagnitudeFit
+        By record.
+    """
     if not fits:
         return []
     lines = [

@@ -188,7 +188,15 @@ def diagnosis_quantities(made: Mapping[str, Any], hidden: str | None) -> dict[st
 
 
 def lines_of(work: Work, members: Sequence[tuple[int, str, Values]]) -> list[dict[str, Any]]:
-    """A line of ``members.jsonl`` for each (number, key, values); a member that fails has its exit code and sentence for a result."""
+    """A line of ``members.jsonl`` for each (number, key, values); a member that fails has its exit code and sentence for a result.
+
+    Parameters
+    ----------
+    work : Work
+        That is done for each member.
+    members : sequence of tuple of int, str and Values
+        Number, key and drawn values.
+    """
     return [line_of(work, *member) for member in members]
 
 

@@ -123,12 +123,33 @@ class DrawnAxis:
 
 
 def nominal_of(model: Model, delay_s: float, start_m: float) -> dict[str, float]:
-    """Nominal values of all that a population can draw."""
+    """Nominal values of all that a population can draw.
+
+    Parameters
+    ----------
+    model : Model
+        Of the axis.
+    delay_s : float, s
+        Of the drive.
+    start_m : float, m
+        Begin of the move.
+
+    Returns
+    -------
+    dict of str to float
+        By the names that a study uses.
+    """
     return {**{name: one.value for name, one in model.parameters.items()}, "payload": 0.0, "drive.delay": delay_s, "move.from": start_m}
 
 
 def units_of(model: Model) -> dict[str, str]:
-    """Of all that a population can draw."""
+    """Units of all that a population can draw, by name.
+
+    Parameters
+    ----------
+    model : Model
+        Of the axis.
+    """
     return {**{name: one.unit for name, one in model.parameters.items()}, **BESIDE}
 
 

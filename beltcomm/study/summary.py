@@ -245,5 +245,11 @@ def _worst(lines: Sequence[Line], targets: Mapping[str, float]) -> tuple[int, ..
 
 
 def is_number(value: Any) -> bool:
-    """True for a finite number that is no bool."""
+    """True for a finite number that is no bool.
+
+    Parameters
+    ----------
+    value : Any
+        Of any type.
+    """
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)

@@ -31,7 +31,13 @@ _ROWS, _MORE = 23, (7, 15, 16)
 
 
 def covers(effects: set[str]) -> bool:
-    """True if models with these effects beyond the motor, and no others, can be taken side by side."""
+    """True if models with these effects beyond the motor, and no others, can be taken side by side.
+
+    Parameters
+    ----------
+    effects : set of str
+        Names.
+    """
     return "belt_stiffness" in effects and effects <= {*PLAIN, *BESIDE} and not effects >= set(BODIES)
 
 

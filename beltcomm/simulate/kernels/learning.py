@@ -26,6 +26,11 @@ def with_memory(watch: ObserverState) -> ObserverState:
 
     h, then what it changes by when the gap closes; the columns of F and of G, each likewise; P; memory for h, F, G at a share, F P, P h
     and k; last d, likewise, and the variances of the noises.
+
+    Parameters
+    ----------
+    watch : ObserverState
+        The observer.
     """
     size, noises = max(SIZE, len(watch.s)), max(NOISES, len(watch.variances))
     own, wide = size - 2, -(-size // LANES) * LANES

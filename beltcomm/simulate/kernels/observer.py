@@ -164,7 +164,13 @@ TOUCHED = ("wanted", "keep", "lost", "deviations", "shares", "half_gap_m", "stif
 
 
 def kernel_arguments(fields: Sequence[str]) -> str:
-    """Arguments of a call, as the generated kernel names the fields of its ``ObserverState``."""
+    """Arguments of a call, as the generated kernel names the fields of its ``ObserverState``.
+
+    Parameters
+    ----------
+    fields : sequence of str
+        Of :class:`ObserverState`.
+    """
     return ", ".join(f"see_{field}" for field in fields)
 
 
@@ -246,6 +252,27 @@ def contact(
     """By how much the stretch, m, is less than what the torque of sample n tells where the carriage is lost; 0 where it is not.
 
     While more than noise is passed on, the stretch is half the gap and what the belt gives way.
+
+    Parameters
+    ----------
+    n : int
+        Number of the sample.
+    lever : float, m/rad
+        From the motor to the belt.
+    stretch : float, m
+        Of the belt.
+    wanted : ndarray (n,), N m, motor shaft
+        As :class:`ObserverState` has it.
+    keep, lost : ndarray of bool (n,)
+        As :class:`ObserverState` has them.
+    deviations, shares : ndarray (n,)
+        As :class:`ObserverState` has them.
+    half_gap_m : float, m
+        Half the gap.
+    stiffness : float, N/m
+        At the belt, where it is stiffest.
+    held : ndarray (n,)
+        Stiffness at the place of each sample over that.
     """
     if not (keep[n] and lost[n]) or shares[n] > OPEN or abs(wanted[n]) < LOST * deviations[n]:
         return 0.0

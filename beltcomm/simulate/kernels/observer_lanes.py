@@ -79,12 +79,24 @@ class Observers(NamedTuple):
 
 
 def observed_rows(watch: ObserverState) -> tuple[float, ...]:
-    """Values of the rows ``HALF`` to ``HURRY``."""
+    """Values of the rows ``HALF`` to ``HURRY``.
+
+    Parameters
+    ----------
+    watch : ObserverState
+        The observer.
+    """
     return (watch.half_gap_m, watch.stiffness, *watch.spread)
 
 
 def observers(watches: Sequence[ObserverState]) -> Observers:
-    """The observers of so many lanes, ``LANES`` at most, and memory for what they find at each sample."""
+    """The observers of so many lanes, ``LANES`` at most, and memory for what they find at each sample.
+
+    Parameters
+    ----------
+    watches : sequence of ObserverState
+        One for each lane.
+    """
     size, noises = len(watches[0].s), len(watches[0].variances)
     own = size - 2
     counts = (2 * size, 2 * size * own, 2 * size * noises, 2 * noises, noises, size * size)
