@@ -115,6 +115,8 @@ def shortest_period_s(profile: Profile, modes: Iterable[int], bitrate: int | Non
 
     Parameters
     ----------
+    profile : Profile
+        Of the drive.
     modes, bitrate, steps_s
         As above.
     """

@@ -36,7 +36,14 @@ def behaviour(objects: Objects) -> tuple[int | None, int | None]:
 def heed(objects: Objects, lending: Lending, stated: Mapping[str, int]) -> None:
     """Have the axis stopped, and the node asked afterwards, where its settings say otherwise.   What is refused shows in the proof.
 
-    stated : error behaviour by a profile.
+    Parameters
+    ----------
+    objects : Objects
+        Of the drive.
+    lending : Lending
+        Keeps what is put back.
+    stated : mapping of str to int
+        Error behaviour by a profile.
     """
     node, axis = behaviour(objects)
     if node == STOPPED or "node" in stated:

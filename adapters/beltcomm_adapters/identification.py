@@ -157,12 +157,24 @@ def read_capabilities(
 
     Parameters
     ----------
+    objects : Objects
+        Of the drive.
+    profile : Profile
+        Of the drive.
+    scaling : Scaling
+        Units of the drive.
+    identity : mapping of str to str
+        As of :func:`read_identity`.
     bitrate : int or None
         Of the bus, None when it carries any load.
+    referenced : bool
+        True if the drive knows its zero.
     parameters, uncalibrated
         See :class:`beltcomm_adapters.gains.Parameters`.
     wanted_s : float or None
         Sample period asked for, None for the shortest that fits.
+    nameplate : KnownMotor or None
+        Motor by axis.yaml; None where it is not known.
 
     Raises
     ------

@@ -74,6 +74,12 @@ def facts_of_bus(bus: can.BusABC, clock: Clock, node: int | None, entries: Seque
 
     Parameters
     ----------
+    bus : BusABC
+        Open.
+    clock : Clock
+        Of the bus.
+    node : int or None
+        Its number; None for the only one.
     entries : sequence of DictionaryEntry
         Of its EDS, if there is one.
 
@@ -108,6 +114,8 @@ def facts_of_file(device: Mapping[str, str], entries: Sequence[DictionaryEntry])
     ----------
     device : Mapping[str, str]
         Its [DeviceInfo].
+    entries : sequence of DictionaryEntry
+        Of the file.
     """
     values: dict[tuple[int, int], float | None] = {(e.index, e.subindex): e.value for e in entries}
     asked = {(index, subindex) for index, subindex, _ in ASKED}

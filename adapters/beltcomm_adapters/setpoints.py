@@ -115,6 +115,8 @@ def as_interpolated(values: Sequence[int], loop_share: float) -> list[float]:
 
     Parameters
     ----------
+    values : sequence of int
+        Raw, one for each SYNC.
     loop_share : float
         The loop's period over that of the setpoints; each is reached in the last loop before the next one (60C2h).
     """

@@ -83,6 +83,12 @@ def attached(
 
     Parameters
     ----------
+    bus : LockstepBus
+        Of virtual time.
+    address : str
+        Plant, "" for the usual one.
+    options : mapping of str to object
+        Of the adapter.
     node, hardware
         Its number, its 1009h.
 

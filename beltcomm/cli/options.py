@@ -189,6 +189,8 @@ def drive_options(function: Function, *, needed: bool = True, of_run: bool = Tru
 
     Parameters
     ----------
+    function : Function
+        Of the verb.
     needed : bool
         False where a verb can do without.
     of_run : bool
@@ -254,7 +256,11 @@ def machine_options(function: Function, *, needed: bool = True, of_run: bool = T
 
     Parameters
     ----------
+    function : Function
+        Of the verb.
     needed : bool
+        As in :func:`drive_options`.
+    of_run : bool
         As in :func:`drive_options`.
     """
     function = _with_options(
@@ -296,6 +302,8 @@ def writing_options(function: Function, *, needed: bool = True) -> Function:
 
     Parameters
     ----------
+    function : Function
+        Of the verb.
     needed : bool
         As in :func:`drive_options`.
     """

@@ -76,10 +76,20 @@ def ask_number(
 
     Parameters
     ----------
+    key : str
+        ``SECTION.NAME``.
+    name : str
+        Last part of the key, with its unit as suffix.
+    entry : AxisEntry
+        Meaning and bounds.
+    default : float or None, SI
+        For an empty answer; None for none.
     contradicts : callable
         In words.
     where : str
         Number of the question.
+    kind : str
+        Of the axis; "" for a belt.
     """
     from beltcomm.axis.kinds import KINDS
     from beltcomm.axis.terms import terms
@@ -200,8 +210,14 @@ def reply(question: str, default: str, shown: str = "", *, back: bool = False) -
 
     Parameters
     ----------
+    question : str
+        A sentence.
+    default : str
+        For an empty answer.
     shown : str
         The default as people write it.
+    back : bool
+        True if Back and Done are answers.
 
     Raises
     ------

@@ -245,6 +245,12 @@ def bounds_of(axis: Axis, capabilities: Capabilities, step: Step, model: Model |
 
     Parameters
     ----------
+    axis : Axis
+        As its file states it.
+    capabilities : Capabilities
+        Of the drive.
+    step : Step
+        Of a record schedule.
     model : Model or None
         Of the axis; without one the slowest and the fastest carriage that is thought of count.
     """

@@ -83,6 +83,13 @@ def experiment(axis: Axis, capabilities: Capabilities) -> Experiment:
 def ensure(machine: Machine, breakaway_nm: float) -> float:
     """Before a gain is written for the first time: find out what they mean, unless it is known.
 
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    breakaway_nm : float, N m, motor shaft
+        Breakaway torque.
+
     Returns
     -------
     float

@@ -73,6 +73,11 @@ def masses_kg(machine: Machine, torque_nm: float) -> tuple[float, ...]:
 def sign_and_scale(machine: Machine) -> tuple[Breakaway, Holding]:
     """Find a torque that holds the carriage, then breakaway in both directions from it; check direction and stopping.
 
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+
     Raises
     ------
     Refused

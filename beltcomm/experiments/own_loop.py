@@ -141,6 +141,14 @@ def verify_own(
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
+    findings : Findings
+        Of the session; filled.
+    model : Model
+        Of the axis.
+    cascade : Cascade
+        The controller.
     asked : Trajectory or None
         The user's own move, or None for the standard one; None is returned where no share of its speed could be driven.
     """

@@ -62,6 +62,11 @@ def kpp_1_s(machine: Machine) -> float:
 def settle_s(machine: Machine) -> float:
     """Time after which a stroke is as fast as its reference, s.
 
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+
     Raises
     ------
     Refused

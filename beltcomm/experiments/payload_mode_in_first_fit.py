@@ -108,6 +108,21 @@ def proven_margin_deg(
 ) -> float:
     """Smallest phase margin of a loop on the axis whose payload swings, deg.
 
+    Parameters
+    ----------
+    swing : Model
+        With the payload mode.
+    cascade : Cascade
+        The controller.
+    structure : CascadeStructure
+        Of the drive's loops.
+    at_m : float, m
+        Carriage on the axis.
+    dead_time_s : float, s
+        Of the torque path.
+    apparent_damping_nm_s_rad : float, N m s/rad, motor shaft
+        Viscous friction around standstill.
+
     Raises
     ------
     Refused

@@ -44,6 +44,10 @@ def commission_points(axis: Axis, capabilities: Capabilities, lightest_kg: float
 
     Parameters
     ----------
+    axis : Axis
+        As its file states it.
+    capabilities : Capabilities
+        Of the drive.
     lightest_kg : float
         Carriage of the plan's speeds.
     heaviest : tuple of float
@@ -72,6 +76,10 @@ def identify_points(axis: Axis, capabilities: Capabilities, window_m: tuple[floa
 
     Parameters
     ----------
+    axis : Axis
+        As its file states it.
+    capabilities : Capabilities
+        Of the drive.
     window_m : tuple of float or None
         To be kept, from where it stands.
     """

@@ -83,6 +83,10 @@ def raise_amplitude(
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
+    breakaway : Breakaway
+        With its Coulomb friction.
     masses_kg : sequence of float
         To count with.
     response : callable or None

@@ -95,8 +95,14 @@ def bring_back(machine: Machine, model: Model, step: Step, problem: SafetyStop) 
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
     model : Model
         Of the loop in the drive.
+    step : Step
+        That was stopped.
+    problem : SafetyStop
+        That stopped it.
     """
     if step.kind != "response" or not stands_after(machine, problem):
         return False

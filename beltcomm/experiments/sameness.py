@@ -53,6 +53,15 @@ def repeat_first_excitation(machine: Machine, breakaway: Breakaway, masses_kg: S
 
     Nothing is kept; it is predicted, bounded and watched as every excitation of an axis of which only the data sheets are known.
 
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    breakaway : Breakaway
+        With its Coulomb friction.
+    masses_kg : sequence of float, kg
+        Of the carriage, to count with.
+
     Raises
     ------
     Refused

@@ -150,6 +150,14 @@ def note_after(remarks: list[str], model: Model, axis: Axis, capabilities: Capab
 
     Parameters
     ----------
+    remarks : list of str
+        Gets further ones.
+    model : Model
+        Of the axis.
+    axis : Axis
+        As its file states it.
+    capabilities : Capabilities
+        Of the drive.
     at_m : float
         Where the carriage is.
     """

@@ -144,7 +144,17 @@ def ways_m(speed_m_s: float) -> tuple[float, float]:
 
 
 def line(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None) -> tuple[Experiment, ...]:
-    """The plan's line; empty where the drive tells its unit.   window_m : to be kept, from where it stands."""
+    """Line of the plan for slow stops; empty where the drive tells its unit.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    capabilities : Capabilities
+        Of the drive.
+    window_m : tuple of float or None, m
+        To be kept, from where the carriage stands; None for the whole travel.
+    """
     if not is_tried(capabilities):
         return ()
     widest = max(-window_m[0], window_m[1]) if window_m is not None else math.inf
@@ -179,6 +189,10 @@ def ensure(machine: Machine, model: Model, *, again: bool = False) -> None:
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        Of the axis.
     again : bool
         They are tried again with a later loop where they tell nothing with this one.
 

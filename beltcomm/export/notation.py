@@ -124,7 +124,15 @@ def c_words(prefix: str, coefficients: Iterable[NamedValue], states: Iterable[Na
 
 
 def c_head(prefix: str, whole: bool = False) -> list[str]:
-    """Types and constants.   whole : with whole numbers and the sine."""
+    """Types and constants of a C file.
+
+    Parameters
+    ----------
+    prefix : str
+        Of the names in the C file.
+    whole : bool
+        True with whole numbers and the sine.
+    """
     one = f"{prefix}_real"
     lines = ["#include <math.h>", "#include <stdint.h>", ""] if whole else []
     lines += ["#ifndef BELTCOMM_REAL", "#define BELTCOMM_REAL double", "#endif", f"typedef BELTCOMM_REAL {one};"]

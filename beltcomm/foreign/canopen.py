@@ -206,6 +206,12 @@ def samples(log: FrameLog, seen: list[Seen], node: int, signed: frozenset[int]) 
 
     Parameters
     ----------
+    log : FrameLog
+        Frames with their times, s.
+    seen : list of Seen
+        Transfers of the log.
+    node : int
+        Its number.
     signed : frozenset[int]
         Indices of objects that may be negative.
     """
@@ -248,6 +254,12 @@ def bits_of(words: NDArray[np.uint8], first: int, bits: int, signed: bool) -> In
     Parameters
     ----------
     words : ndarray (n, 8)
+    first : int
+        Bit, from 0.
+    bits : int
+        1 to 64.
+    signed : bool
+        True for two's complement.
     """
     whole = np.ascontiguousarray(words).view("<u8").ravel()
     shifted = (whole << np.uint64(64 - first - bits)) if first + bits < 64 else whole

@@ -49,6 +49,12 @@ def units_of(seen: list[Seen], node: int, axis: Axis, frame: int) -> LogUnits:
 
     Parameters
     ----------
+    seen : list of Seen
+        Transfers of the log.
+    node : int
+        Its number.
+    axis : Axis
+        As its file states it.
     frame : int
         At which they hold, for a session may change them and put them back; what was seen only later counts as well.
     """

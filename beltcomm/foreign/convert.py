@@ -111,6 +111,11 @@ class Reading:
 def reading_from_dict(data: Mapping[str, Any]) -> Reading:
     """The inverse of :meth:`Reading.to_dict`.
 
+    Parameters
+    ----------
+    data : mapping of str to Any
+        As a sidecar keeps it.
+
     Raises
     ------
     DataError
@@ -420,6 +425,11 @@ def line_of_table(name: str, column: Column, source: Source | None) -> dict[str,
 
 def without_time(reading: Reading) -> Reading:
     """Convert a static map.
+
+    Parameters
+    ----------
+    reading : Reading
+        Mappings, and what is kept and cut.
 
     Raises
     ------

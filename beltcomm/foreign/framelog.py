@@ -104,6 +104,8 @@ def read_frames(path: Path, channel: str | None = None) -> FrameLog:
 
     Parameters
     ----------
+    path : Path
+        Of the file.
     channel : str or None
         The interface, such as can0; None takes the one with the most frames and says so.
 

@@ -60,6 +60,8 @@ def sources_for(table: Table, written: Sequence[str], known: Collection[str]) ->
 
     Parameters
     ----------
+    table : Table
+        Columns as they were read.
     written : sequence of str
         One ``column=name*scale`` each.
     known : Collection[str]
@@ -260,8 +262,14 @@ def kept_columns(table: Table, names: Sequence[str], sources: Mapping[str, Sourc
 
     Parameters
     ----------
+    table : Table
+        Columns as they were read.
     names : sequence of str
         As the user wrote them, or "all".
+    sources : mapping of str to Source
+        By column of ours.
+    known : collection of str
+        Columns of ours.
 
     Raises
     ------

@@ -150,8 +150,24 @@ def _means(own: Array, values: Array, stamps: Array) -> Array:
 
 
 def resampled(file: str, columns: Mapping[str, Any], period_s: float) -> tuple[dict[str, Any], str]:
-    """All columns at even stamps, and a sentence: torque as its mean over each step, which is what acts there, position and speed on a
-    smooth curve through theirs, all else as it was last.   Raises UsageError for steps shorter than the file's own.
+    """All columns at even stamps, and a sentence on it.
+
+    Torque is its mean over each step, which is what acts there, position and speed lie on a smooth curve through theirs, all else is as it
+    was last.
+
+    Parameters
+    ----------
+    file : str
+        Name, for the sentence.
+    columns : mapping of str to Any
+        By name, with ``t_s``.
+    period_s : float, s
+        Between the stamps.
+
+    Raises
+    ------
+    UsageError
+        For steps shorter than the file's own.
     """
     own = columns["t_s"]
     usual = float(np.median(np.diff(own)))

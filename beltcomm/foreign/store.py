@@ -150,6 +150,8 @@ def open_or_plan(run: Path, axis: Axis | None) -> tuple[RunFolder | None, Axis]:
 
     Parameters
     ----------
+    run : Path
+        Of the run folder.
     axis : Axis or None
         What the user gave; None takes that of an existing run, and for a new one nothing but a name is known then.
 
@@ -172,8 +174,24 @@ def open_or_plan(run: Path, axis: Axis | None) -> tuple[RunFolder | None, Axis]:
 
 
 def check_together(folder: RunFolder | None, found: Sequence[Imported], axis: Axis) -> None:
-    """Raise DataError for a name that is taken, two axes in one run or the same rows twice, UsageError for two files of one name or one
-    that is none."""
+    """Refuse imports that do not go together, or not with what is in the run.
+
+    Parameters
+    ----------
+    folder : RunFolder or None
+        None where the run is made.
+    found : sequence of Imported
+        Imports of one command.
+    axis : Axis
+        Data sheets.
+
+    Raises
+    ------
+    DataError
+        For a name that is taken, two axes in one run or the same rows twice.
+    UsageError
+        For two files of one name or one that is none.
+    """
     names = [item.recording.name for item in found]
     for name in names:
         checked_name(name)

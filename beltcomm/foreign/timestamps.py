@@ -30,8 +30,21 @@ _BITS = (16, 24, 32)
 
 
 def seconds_of(file: str, name: str, stamps: Column) -> tuple[Column, tuple[str, ...]]:
-    """Seconds since the first row of stamps such as ``2024-05-03 14:02:11.204``, ``03.05.2024 14:02:11,204``, ``5/3/2024 2:02:11.204 PM``
-    or ``14:02:11.204``, and sentences on what was taken for granted.   Raises DataError for text that is none.
+    """Seconds since the first row of stamps in words, and sentences on what was taken for granted.
+
+    Such as ``2024-05-03 14:02:11.204``, ``03.05.2024 14:02:11,204``, ``5/3/2024 2:02:11.204 PM`` or ``14:02:11.204``.
+
+    Parameters
+    ----------
+    file, name : str
+        Of file and column, for the sentence.
+    stamps : Column (n,)
+        Text.
+
+    Raises
+    ------
+    DataError
+        For text that is none.
     """
     found = [_STAMP.fullmatch(str(stamp).strip().strip("'\"()")) for stamp in stamps]
     bad = next((k for k, match in enumerate(found) if match is None or match[4] is None), None)
@@ -143,6 +156,10 @@ def checked_time(file: str, t_s: Column, rows: NDArray[np.intp]) -> None:
 
     Parameters
     ----------
+    file : str
+        Name, for the sentence.
+    t_s : Column (n,), s
+        As it was read.
     rows : ndarray
         Numbers from 0.
     """

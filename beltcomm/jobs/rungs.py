@@ -49,8 +49,16 @@ def revision_of(folder: RunFolder, new: tuple[Data, Fitted], old: tuple[Data, Fi
 
     Parameters
     ----------
+    folder : RunFolder
+        The run folder.
     new, old : tuple[Data, Fitted]
         Models, each with the records as it sees them.
+    change : str
+        As of :func:`change_of`.
+    command : str
+        Command line, kept as provenance.
+    when : str
+        Date and time, kept as provenance.
     """
     (data, after), (seen, before) = new, in_groups_of(*old, new[0])
     fell = None if change.startswith("-") else is_confirmed(seen, before, after, data)  # who takes one out has decided

@@ -125,6 +125,12 @@ def lowers(data: Data, before: Fitted, after: Fitted, ahead: Data | None = None)
 
     Parameters
     ----------
+    data : Data
+        The records.
+    before : Fitted
+        Without the change.
+    after : Fitted
+        With it.
     ahead : Data or None
         Records as the model after sees them, where the one before sees ``data``.
     """
@@ -323,8 +329,19 @@ def drop_in_means(data: Data, base: Fitted, grown: Fitted) -> float:
 
 
 def most_within(smaller: Problem, grown: Fitted, loss: float) -> float:
-    """O above which a model loses more than so many nats against one with more effects, by :func:`drop_by`; inf where that depends on
-    what is fitted, as it does for effects of the torque path."""
+    """Objective O above which a model loses more than so many nats against one with more effects, by :func:`drop_by`.
+
+    inf where that depends on what is fitted, as it does for effects of the torque path.
+
+    Parameters
+    ----------
+    smaller : Problem
+        Segments and free parameters of the model with fewer.
+    grown : Fitted
+        Fitted with more.
+    loss : float, nats
+        That is allowed.
+    """
     bends = [e for e in grown.model.effect_list() if e.slot in ("torque_path", "torque_reading") and e.name not in smaller.model.effects]
     if bends:
         return math.inf

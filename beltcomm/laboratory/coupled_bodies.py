@@ -51,6 +51,8 @@ def coupling_candidate(data: Data, current: Fitted, axis: Axis) -> Candidate | N
 
     Parameters
     ----------
+    data : Data
+        The records.
     current : Fitted
         Model that it must be better than.
     axis : Axis

@@ -87,6 +87,13 @@ def before_gaps(timed: Sequence[Recording], remarks: list[str]) -> list[Recordin
 
     Those that lose one within the first seconds are left out.
 
+    Parameters
+    ----------
+    timed : sequence of Recording
+        Records over time.
+    remarks : list of str
+        Gets further ones.
+
     Raises
     ------
     DataError

@@ -148,6 +148,16 @@ def search(
 
     Parameters
     ----------
+    data : Data
+        The records.
+    scorer : Scorer
+        Of the base model.
+    ground : AxisSummary
+        Of the axis, for the trials.
+    effects : sequence of Effect or None
+        That are tried; None for the whole catalogue.
+    progress : callable
+        Hears the share that is done, 0 to 1.
     swallowed_above : float
         O per sample from which on, where nothing explains it, it is asked what the base may have swallowed.
     against : Fitted or None
@@ -302,6 +312,10 @@ def left_start_values(base: Fitted, start: Model, above: float = MISSING) -> boo
 
     Parameters
     ----------
+    base : Fitted
+        That was fitted.
+    start : Model
+        Model with the start values.
     above : float
         O per sample from which on it explains little.
     """
@@ -468,6 +482,10 @@ def drop_superfluous(data: Data, fitted: Fitted, base: Model, newest: str) -> tu
 
     Parameters
     ----------
+    data : Data
+        The records.
+    fitted : Fitted
+        Model, fitted to the records.
     base : Model
         Model that the search began with.
     newest : str

@@ -155,6 +155,12 @@ def numbers_at(axis: Axis, at: Sequence[float], words: Sequence[str] | None = No
 
     Parameters
     ----------
+    axis : Axis
+        As its file states it.
+    at : sequence of float
+        Values with a tick.
+    words : sequence of str or None
+        In place of the numbers; None for none.
     size : float or None
         Of the letters, points.
     """

@@ -70,6 +70,10 @@ def model_lines(fit: ModelFit, characteristics: Mapping[str, Characteristic], er
 
     Parameters
     ----------
+    fit : ModelFit
+        With intervals.
+    characteristics : mapping of str to Characteristic
+        By name.
     error : float or None
         Over the noise, in place of the misfit.
     """

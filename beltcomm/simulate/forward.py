@@ -218,8 +218,12 @@ def rigid_force_n(model: Model, omega_rad_s: Array, period_s: float) -> Array:
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
     omega_rad_s : ndarray (n + 1,)
         Of the motor, at the ends of the periods.
+    period_s : float, s
+        Sampling period.
     """
     weight = GRAVITY_M_S2 * math.sin(model.get("tilt.angle"))
     return np.asarray(np.abs(model["cart.mass"] * (model["transmission.ratio"] * np.diff(omega_rad_s) / period_s + weight)))

@@ -210,6 +210,19 @@ def _of_the_member(error: OSError | MemoryError, values: Values) -> bool:
 def line_of(work: Work, number: int, key: str, values: Values, folder: Path | None = None) -> dict[str, Any]:
     """One line.
 
+    Parameters
+    ----------
+    work : Work
+        That is done for each member.
+    number : int
+        Of the member.
+    key : str
+        Of the member's values.
+    values : Values
+        Drawn for the member.
+    folder : Path or None
+        Of its files; None keeps none.
+
     Raises
     ------
     Refused

@@ -158,6 +158,19 @@ def drawn_axis(population: Population, values: Values, model: Model, delay_s: fl
 
     Age acts on the drawn value, the payload is added to the carriage; what is beyond the bounds of a parameter stands on the bound.
 
+    Parameters
+    ----------
+    population : Population
+        Of which the values were drawn.
+    values : Values
+        Of the member.
+    model : Model
+        Of the axis.
+    delay_s : float, s
+        Of the drive of the base.
+    start_m : float, m
+        Begin of the move of the base.
+
     Raises
     ------
     UsageError
@@ -185,6 +198,15 @@ def drawn_axis(population: Population, values: Values, model: Model, delay_s: fl
 
 def population_from(data: Mapping[str, Any], model: Model, seed: int) -> Population:
     """The population of a study file: its entries ``population``, ``ageing`` and ``hidden``.
+
+    Parameters
+    ----------
+    data : mapping of str to Any
+        Content of the file.
+    model : Model
+        Of the axis.
+    seed : int
+        Of the draws.
 
     Raises
     ------

@@ -130,6 +130,10 @@ def summary_of(lines: Sequence[Line], planned: int, targets: Mapping[str, float]
 
     Parameters
     ----------
+    lines : sequence of Line
+        Of the members that have been computed.
+    planned : int
+        Members of the study.
     targets : dict of str to float
         By result, the value it is to stay below; what is worst is told by them.
     nominal : dict of str to float

@@ -94,6 +94,12 @@ def ratio(part: str, cascade: Cascade, omega_rad_s: Array, period_s: float) -> t
     ----------
     part : str
         Of ``PARTS``.
+    cascade : Cascade
+        The controller.
+    omega_rad_s : ndarray (n,), rad/s
+        Above 0.
+    period_s : float, s
+        T of the controller.
 
     Raises
     ------

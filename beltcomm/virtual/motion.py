@@ -38,6 +38,10 @@ def trapezoid(distance: float, speed: float, top_speed: float, acceleration: flo
         Signed.
     speed : float, rad/s
         Signed. others > 0.
+    top_speed : float, rad/s
+        At most.
+    acceleration, deceleration : float, rad/s²
+        At most.
     """
     braking = speed * abs(speed) / (2.0 * deceleration)
     if distance == braking:

@@ -116,6 +116,8 @@ def pdo_rows(node_id: int, longest_map: int, event_timer: bool) -> list[ObjectRo
 
     Parameters
     ----------
+    node_id : int
+        1 to 126.
     longest_map : int
         Objects in one PDO.
     event_timer : bool

@@ -150,8 +150,24 @@ def generic_rows(
 
     Parameters
     ----------
+    node_id : int
+        1 to 126.
+    motor : Nameplate
+        Ratings.
+    counts : int
+        Encoder counts per turn.
+    name : str
+        Of the device.
+    vendor, product : int
+        Of 1018h.
+    modes : frozenset of int
+        Of operation.
+    quick_stops : frozenset of int
+        Values that 605Ah takes.
     rev_per_s, rev_per_s2 : float
         Its units in one.
+    longest_map : int
+        Objects in one PDO.
     """
     return [
         *communication_rows(node_id, name, vendor, product),

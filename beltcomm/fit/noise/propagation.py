@@ -125,6 +125,12 @@ def noise_schedule(model: Model, places_m: Array, sample_s: float, left: Array |
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
+    places_m : ndarray (n,), m
+        Carriage on the axis.
+    sample_s : float, s
+        Sampling period.
     left : ndarray (n,) or None
         Share of the belt's stiffness at each sample; all of it without.
     """
@@ -218,6 +224,12 @@ def noise_path(model: Model, position_m: float, sample_s: float, closed: float =
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
+    position_m : float, m
+        Carriage on the axis.
+    sample_s : float, s
+        Sampling period.
     closed : float
         See ``matrices``.
     """

@@ -118,8 +118,12 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
 
     Parameters
     ----------
+    data : Data
+        The records.
     fitted : Fitted
         By the reading, or the command, taken for the torque that acts.
+    start : Model
+        Model that the fits begin from.
     chain : ReadingFit or None
         :func:`fit_reading`.
     """

@@ -224,6 +224,20 @@ def untuned_observer(
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
+    motion : FineMotion
+        Of a segment.
+    torque : ndarray (n,), N m, motor shaft
+        That acts.
+    keep : ndarray of bool (n,)
+        Samples that count.
+    step_rad : float, rad
+        Step of the encoder.
+    noise_nm : float, N m rms
+        Of the torque.
+    rounding : tuple of float
+        Shares of the rounding's variance, as of :func:`beltcomm.fit.noise.whitening.whitener`.
     start_m : float
         rms stretch of the belt at first, m.
     process_noise : float

@@ -52,6 +52,8 @@ def first_root(p: Array, moved: Array) -> float:
 
     Parameters
     ----------
+    p : ndarray (k,)
+        Coefficients, the constant first.
     moved : ndarray (DEGREE + 1,)
         Scratch.
     """

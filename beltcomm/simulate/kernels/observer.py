@@ -179,8 +179,12 @@ def expected_innovation(n: int, left: float, H: Array, s: Array, shares: Array) 
 
     Parameters
     ----------
+    n : int
+        Number of the sample.
     left : float
         e[n], N m.
+    H, s, shares : ndarray
+        As :class:`ObserverState` has them.
     """
     share, innovation = shares[n], left
     for i in range(s.shape[0]):
@@ -204,8 +208,16 @@ def observe(
 
     Parameters
     ----------
+    n : int
+        Number of the sample.
     innovation : float
         ν[n], N m.
+    keep : ndarray of bool (n,)
+        As :class:`ObserverState` has it.
+    F, s, gains, deviations, shares, white : ndarray
+        As :class:`ObserverState` has them.
+    ahead : ndarray
+        Scratch of the size of s.
     """
     size, own, share = s.shape[0], s.shape[0] - 2, shares[n]
     if keep[n]:
@@ -228,6 +240,10 @@ def take_correction(at: int, behind: int, s: Array) -> tuple[float, float]:
     ----------
     at : int
         Its place, or -1.
+    behind : int
+        Places from a position to its speed.
+    s : ndarray
+        State of the observer; changed in place.
     """
     if at < 0:
         return 0.0, 0.0

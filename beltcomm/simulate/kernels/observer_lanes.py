@@ -241,11 +241,25 @@ def advance_sample(
 
     Parameters
     ----------
+    n : int
+        Number of the sample.
+    active : int
+        Lanes that go on.
+    substeps : int
+        Fine steps per sample.
+    learning : bool
+        True if gains are worked out.
     where : ndarray (12, lanes) of int
         Addresses of motion and watch, as ``lock_step`` lays them out.
     s : ndarray
         Rows of this file's names: the load's mean, N m, in ``NEW`` and the sum of the closed shares in ``SHUT`` are read; where ``ASTRAY``
         is 1 the carriage is lost, and is to stand so far, ``AIM``, m, behind the belt's end that a lever ``LEVER``, m/rad, drives.
+    rows : LaneRows
+        Of the observers' memory.
+    o : ndarray
+        Memory of the observers; changed in place.
+    passes, reaches : ndarray of bool
+        As of :class:`Observers`.
     carriage : tuple of int
         See ``expected_eight``.
     """
@@ -313,6 +327,14 @@ def brought(i: int, active: int, where: IntArray, lengths: IntArray, course: Arr
 
     Parameters
     ----------
+    i : int
+        First step.
+    active : int
+        Lanes that go on.
+    where : ndarray of int
+        Addresses of motion and watch, as of :func:`advance_sample`.
+    lengths : ndarray of int
+        Steps of each lane.
     course : ndarray (2, steps, lanes)
         Angle and speed.
     """

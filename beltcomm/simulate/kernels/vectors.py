@@ -240,6 +240,11 @@ power = cast("Callable[[Vector, Vector | float], Vector]", intrinsic(_known_func
 def address(array: NDArray[Any]) -> int:
     """Address of the first value.
 
+    Parameters
+    ----------
+    array : ndarray
+        Contiguous.
+
     Raises
     ------
     ValueError
