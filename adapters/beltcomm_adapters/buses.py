@@ -72,12 +72,35 @@ def is_socketcan(name: str) -> bool:
 
 
 def is_can_bus(name: str) -> bool:
-    """True if a drive's name is that of a SocketCAN interface, or begins with an interface of python-can (``pcan:PCAN_USBBUS1``)."""
+    """True if a drive's name is that of a SocketCAN interface, or begins with an interface of python-can (``pcan:PCAN_USBBUS1``).
+
+    Parameters
+    ----------
+    name : str
+        As for ``--drive``.
+    """
     return is_socketcan(name) or name.partition(":")[0] in can.VALID_INTERFACES
 
 
 def open_bus(address: Address, bitrate: int, **more: Any) -> can.BusABC:
-    """Open the interface; ``more`` goes to python-can.  Raises BusError, UsageError when python-can lacks what the interface needs."""
+    """Open a CAN interface.
+
+    Parameters
+    ----------
+    address : Address
+        Interface and channel.
+    bitrate : int, bit/s
+        Set by the administrator on SocketCAN.
+    **more : Any
+        For python-can.
+
+    Raises
+    ------
+    BusError
+        When it cannot be opened.
+    UsageError
+        When python-can lacks what the interface needs.
+    """
     arguments: dict[str, Any] = {} if address.interface == "socketcan" else {"bitrate": bitrate, **more}
     try:
         bus: Any = can.Bus(channel=address.channel, interface=address.interface, **arguments)

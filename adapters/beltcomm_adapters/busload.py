@@ -38,7 +38,15 @@ def cycle_s(bitrate: int, frames: Iterable[int]) -> float:
 
 
 def fullest(profile: Profile, modes: Iterable[int]) -> tuple[int, ...]:
-    """Data bytes of each frame beside SYNC in the fullest exchange that a drive of this kind can be asked for."""
+    """Data bytes of each frame beside SYNC in the fullest exchange that a drive of this kind can be asked for.
+
+    Parameters
+    ----------
+    profile : Profile
+        Of the drive.
+    modes : iterable of int
+        Modes of operation that count.
+    """
     sent = [sum(bits for *_, bits in entries) // 8 for entries in arrangements(profile.mapped_torque)[0]]
     layouts = [layout_of(mode, profile.offsets) for mode in profile.modes.values() if mode in set(modes)]
     received = [[sum(bits for *_, bits in entries) // 8 for entries in layout.received] for layout in layouts] or [[]]
@@ -107,6 +115,8 @@ def shortest_period_s(profile: Profile, modes: Iterable[int], bitrate: int | Non
 
     Parameters
     ----------
+    profile : Profile
+        Of the drive.
     modes, bitrate, steps_s
         As above.
     """

@@ -367,7 +367,33 @@ def connect(
 ) -> CanopenDrive:
     """The drive on an open bus; without ``node``, the only one there.  On failure the bus is released.
 
-    Raises BusError when nobody answers, UsageError when several do, and what :class:`CanopenDrive` raises.
+    Parameters
+    ----------
+    bus : BusABC
+        Open.
+    clock : Clock
+        Of the bus.
+    node : int or None
+        Its number; None for the only one.
+    profile : str or None
+        Name or path; None chooses by identity.
+    bitrate : int or None, bit/s
+        None where time is not the bus's own.
+    release : callable
+        Closes the bus.
+    sample_period_s : float or None, s
+        None for the usual one.
+    nameplate : KnownMotor or None
+        Motor by axis.yaml; None where it is not known.
+
+    Raises
+    ------
+    BusError
+        When nobody answers.
+    UsageError
+        When several do.
+    DriveError
+        As :class:`CanopenDrive`.
     """
     try:
         if node is None:

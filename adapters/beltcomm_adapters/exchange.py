@@ -50,7 +50,18 @@ ARRANGEMENTS: Final[tuple[tuple[tuple[MappedObject, ...], ...], ...]] = (
 
 
 def arrangements(torque: MappedObject) -> tuple[tuple[tuple[MappedObject, ...], ...], ...]:
-    """Those of :data:`ARRANGEMENTS` that frames hold, with the torque from this object."""
+    """Those of :data:`ARRANGEMENTS` that frames hold, with the torque from this object.
+
+    Parameters
+    ----------
+    torque : MappedObject
+        Object that holds it.
+
+    Returns
+    -------
+    tuple of tuple of tuple of MappedObject
+        PDOs of each, fullest first.
+    """
     found = [tuple(tuple(torque if entry == TORQUE else entry for entry in one) for one in pdos) for pdos in ARRANGEMENTS]
     return tuple(pdos for pdos in found if all(sum(bits for *_, bits in one) <= _FRAME_BITS for one in pdos))
 
@@ -81,10 +92,33 @@ _sample: Final = tuple.__new__
 def map_pdo(
     objects: Objects, lending: Lending, direction: Literal["receive", "transmit"], number: int, entries: Sequence[MappedObject]
 ) -> int:
-    """Map ``entries`` into PDO ``number`` (from 0), synchronous in every cycle, and enable it.  Returns its identifier.
+    """Map ``entries`` into a PDO, synchronous in every cycle, and enable it.
 
     Written only while the PDO is invalid, its identifier too, and the mapping only while its count is 0 (CiA 301, 7.5.2.36, F1 p26-27).
     Bit 30 stays as it is: a drive without remote frames refuses to allow them.
+
+    Parameters
+    ----------
+    objects : Objects
+        Of the drive.
+    lending : Lending
+        Keeps what is put back.
+    direction : str
+        As the drive sees it.
+    number : int
+        Of the PDO, from 0.
+    entries : sequence of MappedObject
+        Objects, in their order.
+
+    Returns
+    -------
+    int
+        Its identifier.
+
+    Raises
+    ------
+    ObjectRefused
+        For an object that the drive does not map.
     """
     communication, mapping, base = _PDO[direction]
     communication, mapping = communication + number, mapping + number
@@ -121,7 +155,26 @@ def _not_mapped(error: ObjectRefused, direction: str, mapping: int, entries: Seq
 def map_answers(objects: Objects, lending: Lending, first: int = 0, torque: MappedObject = TORQUE) -> tuple[int, list[int]]:
     """The fullest of :func:`arrangements` that the drive takes, from number ``first`` on, and the identifiers of its PDOs.
 
-    Raises ObjectRefused, of what cannot be done without, when it takes none.
+    Parameters
+    ----------
+    objects : Objects
+        Of the drive.
+    lending : Lending
+        Keeps what is put back.
+    first : int
+        Number of the fullest that is tried.
+    torque : MappedObject
+        Object that holds it.
+
+    Returns
+    -------
+    tuple of int and list of int
+        Number of the arrangement, and the identifiers of its PDOs.
+
+    Raises
+    ------
+    ObjectRefused
+        Of what cannot be done without, when it takes none.
     """
     refusal: ObjectRefused | None = None
     offered = arrangements(torque)

@@ -237,6 +237,14 @@ def structure_of(
 
     Parameters
     ----------
+    profile : Profile
+        Of the drive.
+    period_s : float, s
+        Of the drive's loops.
+    output_limit_rad_s : float, rad/s, motor shaft
+        Of the position controller.
+    dead_zone_rad : float, rad, motor shaft
+        Of the position error.
     parameters : Mapping[str, ParameterObject] or None
         Calibrated ones.
     """

@@ -36,7 +36,14 @@ def behaviour(objects: Objects) -> tuple[int | None, int | None]:
 def heed(objects: Objects, lending: Lending, stated: Mapping[str, int]) -> None:
     """Have the axis stopped, and the node asked afterwards, where its settings say otherwise.   What is refused shows in the proof.
 
-    stated : error behaviour by a profile.
+    Parameters
+    ----------
+    objects : Objects
+        Of the drive.
+    lending : Lending
+        Keeps what is put back.
+    stated : mapping of str to int
+        Error behaviour by a profile.
     """
     node, axis = behaviour(objects)
     if node == STOPPED or "node" in stated:
@@ -50,13 +57,25 @@ def heed(objects: Objects, lending: Lending, stated: Mapping[str, int]) -> None:
 
 
 def needs_lending(objects: Objects) -> bool:
-    """True if :func:`heed` would change something."""
+    """True if :func:`heed` would change something.
+
+    Parameters
+    ----------
+    objects : Objects
+        Of the drive.
+    """
     node, axis = behaviour(objects)
     return node == STOPPED or axis == NOTHING
 
 
 def words(objects: Objects) -> str:
-    """Its reaction, in half a sentence; "" where it tells nothing."""
+    """Reaction of a drive to the loss of its host, in half a sentence; "" where it tells nothing.
+
+    Parameters
+    ----------
+    objects : Objects
+        Of the drive.
+    """
     node, axis = behaviour(objects)
     said = []
     if node is not None:

@@ -35,7 +35,19 @@ SHORTEST_GUARD_S, GUARD_PERIODS = 0.02, 5
 def read_identity(objects: Objects, where: str) -> dict[str, str]:
     """Identity that tells this drive from others: 1018h, 1008h to 100Ah, as text.
 
-    Raises BusError when nobody answers; ``where`` names interface, bit rate and node in its sentence.
+    Parameters
+    ----------
+    objects : Objects
+        Of the drive.
+    where : str
+        Interface, bit rate and node, for the sentence.
+
+    Raises
+    ------
+    BusError
+        When nobody answers.
+    DriveError
+        When two drives do.
     """
     try:
         device_type = objects.read_int(0x1000, 0, "uint32")
@@ -63,7 +75,15 @@ def read_identity(objects: Objects, where: str) -> dict[str, str]:
 
 
 def supported_modes(objects: Objects, profile: Profile) -> frozenset[int]:
-    """Modes of operation the drive has: 6502h, or the profile's word where the drive does not tell."""
+    """Modes of operation the drive has: 6502h, or the profile's word where the drive does not tell.
+
+    Parameters
+    ----------
+    objects : Objects
+        Of the drive.
+    profile : Profile
+        Of the drive.
+    """
     bits = objects.read_if_there(0x6502, 0, "uint32")
     if bits is None:
         return frozenset(profile.supported_modes)
@@ -71,7 +91,15 @@ def supported_modes(objects: Objects, profile: Profile) -> frozenset[int]:
 
 
 def as_the_drive_is(objects: Objects, profile: Profile) -> Profile:
-    """The profile with the modes that the drive has, and without the offsets 60B1h and 60B2h where it lacks one: no motion needs them."""
+    """The profile with the modes that the drive has, and without the offsets 60B1h and 60B2h where it lacks one: no motion needs them.
+
+    Parameters
+    ----------
+    objects : Objects
+        Of the drive.
+    profile : Profile
+        Of the drive.
+    """
     profile = profile.with_modes(supported_modes(objects, profile))
     if not profile.offsets or all(objects.read_if_there(*offset) is not None for offset in OFFSETS):
         return profile
@@ -79,7 +107,13 @@ def as_the_drive_is(objects: Objects, profile: Profile) -> Profile:
 
 
 def sync_period_s(objects: Objects) -> float | None:
-    """60C2h in s, None when the drive has no such object or does not use it (0)."""
+    """Period of SYNC by 60C2h, s; None when the drive has no such object or does not use it (0).
+
+    Parameters
+    ----------
+    objects : Objects
+        Of the drive.
+    """
     value = objects.read_if_there(0x60C2, 1, "uint8")
     return value * 10.0 ** objects.read_int(0x60C2, 2, "int8") if value else None
 
@@ -88,6 +122,13 @@ def sync_steps(objects: Objects, profile: Profile) -> tuple[float, float]:
     """Shortest period of SYNC and its step, s: the profile's, in whole runs of the drive's loop where it tells that.
 
     Where a new period acts after a reset only, the whole cascade is locked to the stored one.
+
+    Parameters
+    ----------
+    objects : Objects
+        Of the drive.
+    profile : Profile
+        Of the drive.
     """
     shortest_s, step_s = profile.shortest_sync_ms * 1e-3, profile.sync_step_ms * 1e-3
     if profile.sync_change == "after_reset":
@@ -116,12 +157,24 @@ def read_capabilities(
 
     Parameters
     ----------
+    objects : Objects
+        Of the drive.
+    profile : Profile
+        Of the drive.
+    scaling : Scaling
+        Units of the drive.
+    identity : mapping of str to str
+        As of :func:`read_identity`.
     bitrate : int or None
         Of the bus, None when it carries any load.
+    referenced : bool
+        True if the drive knows its zero.
     parameters, uncalibrated
         See :class:`beltcomm_adapters.gains.Parameters`.
     wanted_s : float or None
         Sample period asked for, None for the shortest that fits.
+    nameplate : KnownMotor or None
+        Motor by axis.yaml; None where it is not known.
 
     Raises
     ------
@@ -173,7 +226,18 @@ def read_capabilities(
 
 
 def read_top_speed_rad_s(objects: Objects) -> float | None:
-    """6080h, of four bytes or of two; None where the drive has none."""
+    """Largest speed of the motor by 6080h, of four bytes or of two, rad/s; None where the drive has none.
+
+    Parameters
+    ----------
+    objects : Objects
+        Of the drive.
+
+    Raises
+    ------
+    ObjectRefused
+        When it is there and not told.
+    """
     try:
         return int.from_bytes(objects.read_bytes(0x6080), "little") * _RPM
     except ObjectRefused as error:

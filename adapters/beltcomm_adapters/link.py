@@ -169,6 +169,18 @@ def find_nodes(bus: can.BusABC, clock: Clock) -> list[int]:
     """Numbers of all nodes that answer a read of 1000h, in order.
 
     Every node is asked at once and answers are collected for half a second; an abort is an answer too.  Raises BusError.
+
+    Parameters
+    ----------
+    bus : BusABC
+        Open.
+    clock : Clock
+        Of the bus.
+
+    Raises
+    ------
+    BusError
+        When the interface fails.
     """
     link = Link(bus, clock, HOST_NODE)
     found: set[int] = set()

@@ -74,6 +74,12 @@ def facts_of_bus(bus: can.BusABC, clock: Clock, node: int | None, entries: Seque
 
     Parameters
     ----------
+    bus : BusABC
+        Open.
+    clock : Clock
+        Of the bus.
+    node : int or None
+        Its number; None for the only one.
     entries : sequence of DictionaryEntry
         Of its EDS, if there is one.
 
@@ -108,6 +114,8 @@ def facts_of_file(device: Mapping[str, str], entries: Sequence[DictionaryEntry])
     ----------
     device : Mapping[str, str]
         Its [DeviceInfo].
+    entries : sequence of DictionaryEntry
+        Of the file.
     """
     values: dict[tuple[int, int], float | None] = {(e.index, e.subindex): e.value for e in entries}
     asked = {(index, subindex) for index, subindex, _ in ASKED}
@@ -126,7 +134,13 @@ def _vendors(entries: Iterable[DictionaryEntry]) -> list[DictionaryEntry]:
 
 
 def text_of(facts: Facts) -> str:
-    """The file."""
+    """Text of a profile made of what was read.
+
+    Parameters
+    ----------
+    facts : Facts
+        Of drive and dictionary.
+    """
     maker, product = facts.identity.get("maker", ""), facts.identity.get("device_name", "")
     title = f"{maker} {product}".strip() or "a CiA 402 drive"
     name = re.sub(r"[^a-z0-9]+", "-", (product or title).lower()).strip("-") or "my-drive"

@@ -9,7 +9,24 @@ from beltcomm_adapters.profiles import load_profile
 
 
 def whole_number(options: Mapping[str, object], name: str, default: int | None, least: int, most: int) -> int | None:
-    """An option as a whole number.  Raises UsageError."""
+    """An option as a whole number.
+
+    Parameters
+    ----------
+    options : mapping of str to object
+        Of the adapter.
+    name : str
+        Of the option.
+    default : int or None
+        Where it is not given.
+    least, most : int
+        Between which it lies.
+
+    Raises
+    ------
+    UsageError
+        For anything else.
+    """
     value = options.get(name)
     if value is None:
         return default
@@ -23,7 +40,22 @@ def whole_number(options: Mapping[str, object], name: str, default: int | None, 
 
 
 def number(options: Mapping[str, object], name: str, default: float | None) -> float | None:
-    """An option as a number.  Raises UsageError."""
+    """An option as a number.
+
+    Parameters
+    ----------
+    options : mapping of str to object
+        Of the adapter.
+    name : str
+        Of the option.
+    default : float or None
+        Where it is not given.
+
+    Raises
+    ------
+    UsageError
+        For anything else.
+    """
     value = options.get(name)
     if value is None:
         return default
@@ -34,7 +66,18 @@ def number(options: Mapping[str, object], name: str, default: float | None) -> f
 
 
 def profile_name(options: Mapping[str, object]) -> str | None:
-    """The option ``profile``, a name or the path of a file, None to choose by identity.  Raises UsageError when there is none such."""
+    """The option ``profile``, a name or the path of a file, None to choose by identity.
+
+    Parameters
+    ----------
+    options : mapping of str to object
+        Of the adapter.
+
+    Raises
+    ------
+    UsageError
+        When there is none such.
+    """
     value = options.get("profile")
     if value is None:
         return None

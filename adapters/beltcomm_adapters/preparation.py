@@ -44,9 +44,27 @@ _SAME_S: Final = 1e-9
 def check_motion(
     motion: Motion, limits: Limits, capabilities: Capabilities, profile: Profile, here_rad: float, drive_torque_nm: float
 ) -> None:
-    """Raises UsageError when ``motion`` cannot be run inside ``limits`` by this drive from where the axis is.
+    """Refuse a motion that cannot be run inside its limits by this drive from where the axis is.
 
-    here_rad : present motor angle, rad.     drive_torque_nm : the drive's own torque limit, 6072h, N m.
+    Parameters
+    ----------
+    motion : Motion
+        That is asked for.
+    limits : Limits
+        Of the motion.
+    capabilities : Capabilities
+        Of the drive.
+    profile : Profile
+        Of the drive.
+    here_rad : float, rad
+        Present motor angle.
+    drive_torque_nm : float, N m
+        The drive's own torque limit, 6072h.
+
+    Raises
+    ------
+    UsageError
+        With what stands against it.
     """
     if motion.kind not in capabilities.kinds:
         offered = ", ".join(sorted(capabilities.kinds)) or "none"
@@ -97,7 +115,20 @@ def _check_torque_input(motion: Motion, profile: Profile) -> None:
 
 
 def check_room(limits: Limits, here_rad: float) -> None:
-    """Raise UsageError for limits that leave no room to move, or an axis that stands outside them.   here_rad : motor angle, rad."""
+    """Refuse limits that leave no room to move, or an axis that stands outside them.
+
+    Parameters
+    ----------
+    limits : Limits
+        Of the motion.
+    here_rad : float, rad
+        Present motor angle.
+
+    Raises
+    ------
+    UsageError
+        For either.
+    """
     if not (
         limits.position_min_rad < limits.position_max_rad and min(limits.speed_rad_s, limits.torque_nm, limits.deceleration_rad_s2) > 0
     ):
@@ -110,7 +141,22 @@ def check_room(limits: Limits, here_rad: float) -> None:
 
 
 def check_path(motion: Motion, limits: Limits, here_rad: float) -> None:
-    """Raise UsageError for a path that leaves the window, or begins elsewhere than the motor stands.   here_rad : motor angle, rad."""
+    """Refuse a path that leaves the window, or begins elsewhere than the motor stands.
+
+    Parameters
+    ----------
+    motion : Motion
+        That is asked for.
+    limits : Limits
+        Of the motion.
+    here_rad : float, rad
+        Present motor angle.
+
+    Raises
+    ------
+    UsageError
+        For either.
+    """
     path = motion.position_rad
     low, high = float(path.min()), float(path.max())
     if low < limits.position_min_rad or high > limits.position_max_rad:
@@ -123,7 +169,20 @@ def check_path(motion: Motion, limits: Limits, here_rad: float) -> None:
 
 
 def check_speed(velocity_rad_s: Array, limits: Limits) -> None:
-    """Raise UsageError for velocities, rad/s at the motor, above the limit."""
+    """Refuse velocities above the limit.
+
+    Parameters
+    ----------
+    velocity_rad_s : ndarray (n,), rad/s
+        Motor shaft.
+    limits : Limits
+        Of the motion.
+
+    Raises
+    ------
+    UsageError
+        With both.
+    """
     fastest = float(np.abs(velocity_rad_s).max())
     if fastest > limits.speed_rad_s * (1 + 1e-9):
         raise UsageError(f"the motion reaches {fastest:.4g} rad/s, the limit is {limits.speed_rad_s:.4g} rad/s; slow it down")
@@ -147,8 +206,22 @@ def prepare(
 
     Parameters
     ----------
-    ahead_rad : float
-        By which a reference leads the axis at most.
+    objects : Objects
+        Of the drive.
+    lending : Lending
+        Keeps what is put back.
+    machine : StateMachine
+        State machine of the drive.
+    profile : Profile
+        Of the drive.
+    scaling : Scaling
+        Units of the drive.
+    layout : Layout
+        Of the setpoints.
+    period_s : float, s
+        Of SYNC.
+    limits : Limits
+        Of the motion.
     motion : Motion or None
         None for homing; the ramps of one in mode 3 are opened just so far that they do not shape it.
     """
@@ -171,7 +244,27 @@ def lend_settings(
     limits: Limits,
     motion: Motion | None = None,
 ) -> None:
-    """Of :func:`prepare` what is a setting, no mode and no setpoint; limits that the drive does not take are in ``lending.refused``."""
+    """Settings of :func:`prepare` that are no mode and no setpoint; limits that the drive does not take are in ``lending.refused``.
+
+    Parameters
+    ----------
+    objects : Objects
+        Of the drive.
+    lending : Lending
+        Keeps what is put back.
+    profile : Profile
+        Of the drive.
+    scaling : Scaling
+        Units of the drive.
+    mode : int
+        Of operation.
+    period_s : float, s
+        Of SYNC.
+    limits : Limits
+        Of the motion.
+    motion : Motion or None
+        That is asked for; None for none.
+    """
     believed = lend_quick_stop(objects, lending, scaling, limits)
     if profile.sync_change == "at_once" and (sync_period_s(objects) is not None or objects.read_if_there(0x60C2, 1, "uint8") is not None):
         value, power = _interpolation_time(period_s)
@@ -206,7 +299,19 @@ def lend_settings(
 
 
 def lend_mode(objects: Objects, lending: Lending, machine: StateMachine, mode: int) -> None:
-    """Another mode of operation, 6060h, confirmed by the drive."""
+    """Another mode of operation, 6060h, confirmed by the drive.
+
+    Parameters
+    ----------
+    objects : Objects
+        Of the drive.
+    lending : Lending
+        Keeps what is put back.
+    machine : StateMachine
+        Of the drive.
+    mode : int
+        Of operation.
+    """
     if objects.read_int(0x6060, 0, "int8"):
         lending.set(0x6060, 0, "int8", mode)
     else:  # "no mode" is where a drive starts and cannot be gone back to
@@ -218,6 +323,17 @@ def lend_quick_stop(objects: Objects, lending: Lending, scaling: Scaling, limits
     """A quick stop that ends disabled, with the deceleration of the limits; False where the unit of accelerations makes no sense.
 
     Then nothing is written in that unit, neither a stop nor a ramp.
+
+    Parameters
+    ----------
+    objects : Objects
+        Of the drive.
+    lending : Lending
+        Keeps what is put back.
+    scaling : Scaling
+        Units of the drive.
+    limits : Limits
+        Of the motion.
     """
     lending.set_if_there(0x605A, 0, "int16", _QUICK_STOP_AND_DISABLE)
     believed = believes_ramp(objects, lending, scaling, limits.speed_rad_s)
@@ -230,7 +346,26 @@ def lend_quick_stop(objects: Objects, lending: Lending, scaling: Scaling, limits
 def quick_stop_rad_s2(objects: Objects, scaling: Scaling, limits: Limits) -> float | None:
     """Deceleration of the quick stop that a record with these limits would have, tried and put back; None where nobody can tell.
 
-    That of the limits where the drive takes it; what it makes of it, or is set to where it refuses.   Raises as :func:`limit`.
+    That of the limits where the drive takes it; what it makes of it, or is set to where it refuses.
+
+    Parameters
+    ----------
+    objects : Objects
+        Of the drive.
+    scaling : Scaling
+        Units of the drive.
+    limits : Limits
+        Of the motion.
+
+    Returns
+    -------
+    float or None, rad/s²
+        Motor shaft.
+
+    Raises
+    ------
+    DriveError
+        As :func:`limit`.
     """
     with objects.lend() as lending:
         if not lend_quick_stop(objects, lending, scaling, limits):
@@ -242,7 +377,18 @@ def quick_stop_rad_s2(objects: Objects, scaling: Scaling, limits: Limits) -> flo
 def believes_ramp(objects: Objects, lending: Lending, scaling: Scaling, speed_rad_s: float) -> bool:
     """True if the unit of accelerations is told, or makes a stop of the drive's own 6085h: one that means milliseconds would stop in hours.
 
-    speed_rad_s : from which it stops, at the motor shaft.   A unit that is not believed is told.
+    A unit that is not believed is told.
+
+    Parameters
+    ----------
+    objects : Objects
+        Of the drive.
+    lending : Lending
+        Keeps what is put back.
+    scaling : Scaling
+        Units of the drive.
+    speed_rad_s : float, rad/s, motor shaft
+        From which it stops.
     """
     own = None if scaling.acceleration_told else objects.read_if_there(0x6085, 0, "uint32")
     if not own or speed_rad_s / scaling.acceleration(own) < _LONGEST_STOP_S:
@@ -303,7 +449,21 @@ def _interpolation_time(period_s: float) -> tuple[int, int]:
 
 
 def tighten_torque_and_speed(objects: Objects, lending: Lending, profile: Profile, scaling: Scaling, limits: Limits) -> None:
-    """6072h and 6080h, never above what they are; a drive without them is watched by the host alone."""
+    """Set 6072h and 6080h to the limits, never above what they are; a drive without them is watched by the host alone.
+
+    Parameters
+    ----------
+    objects : Objects
+        Of the drive.
+    lending : Lending
+        Keeps what is put back.
+    profile : Profile
+        Of the drive.
+    scaling : Scaling
+        Units of the drive.
+    limits : Limits
+        Of the motion.
+    """
     torque = max(math.ceil(limits.torque_nm / scaling.torque_nm), profile.torque_limit_lowest_permille)
     if torque < (objects.read_if_there(0x6072, 0, "uint16") or 0):
         limit(objects, lending, 0x6072, 0, "uint16", torque, lambda raw: raw * scaling.torque_nm, "N m")
@@ -321,10 +481,29 @@ def tighten_torque_and_speed(objects: Objects, lending: Lending, profile: Profil
 def tighten_window(
     objects: Objects, lending: Lending, scaling: Scaling, limits: Limits, period_s: float, reach_rad: tuple[float, float] | None = None
 ) -> None:
-    """607Dh around the window, as far outside as a quick stop from the speed limit goes: the drive answers a breach with a
-    fault, which brakes worse than the host's quick stop or not at all.
+    """Set 607Dh around the window, as far outside as a quick stop from the speed limit goes.
 
-    reach_rad : of a reference that leads the axis, which the drive must let be.   Raises DriveError where its own 607Dh would cut it.
+    The drive answers a breach with a fault, which brakes worse than the host's quick stop or not at all.
+
+    Parameters
+    ----------
+    objects : Objects
+        Of the drive.
+    lending : Lending
+        Keeps what is put back.
+    scaling : Scaling
+        Units of the drive.
+    limits : Limits
+        Of the motion.
+    period_s : float, s
+        Of the setpoints.
+    reach_rad : tuple of float or None, rad
+        Of a reference that leads the axis, which the drive must let be; None for none.
+
+    Raises
+    ------
+    DriveError
+        Where the drive's own 607Dh would cut that reference.
     """
     stored_low = objects.read_if_there(0x607D, 1, "int32")
     deceleration = objects.read_if_there(0x6085, 0, "uint32")
@@ -361,6 +540,12 @@ def guard(objects: Objects, lending: Lending, profile: Profile, guard_s: float) 
 
     Parameters
     ----------
+    objects : Objects
+        Of the drive.
+    lending : Lending
+        Keeps what is put back.
+    profile : Profile
+        Of the drive.
     guard_s : float, s
         After which it must notice that the host is gone.
 
@@ -391,7 +576,22 @@ def guard(objects: Objects, lending: Lending, profile: Profile, guard_s: float) 
 
 
 def homing_speeds_rad_s(objects: Objects, scaling: Scaling, limits: Limits) -> tuple[float, float]:
-    """The two speeds of the drive's homing (6099h).  Raises UsageError when one is above the limit."""
+    """The two speeds of the drive's homing (6099h), rad/s at the motor.
+
+    Parameters
+    ----------
+    objects : Objects
+        Of the drive.
+    scaling : Scaling
+        Units of the drive.
+    limits : Limits
+        Of the motion.
+
+    Raises
+    ------
+    UsageError
+        When one is above the limit.
+    """
     fast, slow = (objects.read_int(0x6099, part, "uint32") * scaling.speed_rad_s for part in (1, 2))
     if max(fast, slow) > limits.speed_rad_s:
         raise UsageError(
@@ -403,7 +603,20 @@ def homing_speeds_rad_s(objects: Objects, scaling: Scaling, limits: Limits) -> t
 
 @contextmanager
 def homing_method(objects: Objects, profile: Profile) -> Iterator[None]:
-    """The method of the profile in 6098h, put back after it.   Raises Refused where there is none or the drive does not take it."""
+    """The method of the profile in 6098h, put back after it.
+
+    Parameters
+    ----------
+    objects : Objects
+        Of the drive.
+    profile : Profile
+        Of the drive.
+
+    Raises
+    ------
+    Refused
+        Where there is none or the drive does not take it.
+    """
     if profile.homing_method is None:
         if objects.read_if_there(*HOMING) == 0:
             raise Refused(

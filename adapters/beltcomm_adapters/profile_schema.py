@@ -223,7 +223,22 @@ def _matches(value: object) -> bool:
 
 
 def faults(raw: object, group: FieldGroup = PROFILE, path: Path = ()) -> Iterator[tuple[Path, str]]:
-    """Faults of a file, with a sentence each, from the outermost field in."""
+    """Faults of a file, with a sentence each, from the outermost field in.
+
+    Parameters
+    ----------
+    raw : object
+        Content of the file.
+    group : FieldGroup
+        Fields that it may have.
+    path : Path
+        Keys that lead to it.
+
+    Yields
+    ------
+    tuple of Path and str
+        Keys that lead there, and a sentence.
+    """
     where = ".".join(path)
     if not isinstance(raw, Mapping):
         yield path, f"{where} is {_shown(raw)}; give a mapping of {', '.join(group.fields)}"
@@ -251,7 +266,13 @@ def faults(raw: object, group: FieldGroup = PROFILE, path: Path = ()) -> Iterato
 
 
 def json_schema(node: Any = PROFILE) -> dict[str, Any]:
-    """The file for editors that know JSON Schema; what it cannot say stands in its descriptions."""
+    """JSON Schema of a profile, for editors that know it; what it cannot say stands in its descriptions.
+
+    Parameters
+    ----------
+    node : Any
+        Group, rows or value.
+    """
     if isinstance(node, FieldValue):
         return {**node.shape, "description": node.give}
     if isinstance(node, FieldRows):

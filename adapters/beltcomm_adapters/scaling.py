@@ -118,6 +118,12 @@ def read_scaling(objects: Objects, profile: Profile, lending: Lending | None, na
 
     Parameters
     ----------
+    objects : Objects
+        Of the drive.
+    profile : Profile
+        Of the drive.
+    lending : Lending or None
+        Keeps what is put back; None writes nothing.
     nameplate : KnownMotor or None
         What axis.yaml knows of the motor, for what the drive does not tell.
 

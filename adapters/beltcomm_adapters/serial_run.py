@@ -67,7 +67,20 @@ class LineSpeed:
 
 
 def measure_pace(objects: SerialObjects, clock: Clock) -> LineSpeed:
-    """The polling period that this drive, cable and computer allow, from some reads.  Raises BusError when too few are answered."""
+    """The polling period that this drive, cable and computer allow, from some reads.
+
+    Parameters
+    ----------
+    objects : SerialObjects
+        Over RS-232.
+    clock : Clock
+        Of the bus.
+
+    Raises
+    ------
+    BusError
+        When too few are answered.
+    """
     times: list[float] = []
     for _ in range(2 * _MEASURED):
         begun_s = clock.now()
@@ -83,7 +96,30 @@ def measure_pace(objects: SerialObjects, clock: Clock) -> LineSpeed:
 def prepare(
     objects: SerialObjects, lending: Lending, machine: StateMachine, profile: Profile, scaling: Scaling, limits: Limits, period_s: float
 ) -> None:
-    """Mode 1, the target where the axis stands, limits inside the drive, trapezoids; everything but the target is lent."""
+    """Mode 1, the target where the axis stands, limits inside the drive, trapezoids; everything but the target is lent.
+
+    Parameters
+    ----------
+    objects : SerialObjects
+        Over RS-232.
+    lending : Lending
+        Keeps what is put back.
+    machine : StateMachine
+        State machine of the drive.
+    profile : Profile
+        Of the drive.
+    scaling : Scaling
+        Units of the drive.
+    limits : Limits
+        Of the motion.
+    period_s : float, s
+        Of polling.
+
+    Raises
+    ------
+    DriveError
+        For a drive whose unit of accelerations is not known.
+    """
     lend_mode(objects, lending, machine, PROFILE_POSITION)
     lending.set_if_there(0x6086, 0, "int16", 0)
     if not lend_quick_stop(objects, lending, scaling, limits):

@@ -76,8 +76,12 @@ def strokes_of(motion: Motion, here: int, scaling: Scaling) -> tuple[list[Serial
 
     Parameters
     ----------
+    motion : Motion
+        That is asked for.
     here : int
         Where the axis stands, counts.
+    scaling : Scaling
+        Units of the drive.
 
     Raises
     ------
@@ -130,7 +134,24 @@ def _check_shape(way_rad: np.ndarray, period_s: float, path: Trapezoid) -> None:
 
 
 def check_limits(motion: Motion, limits: Limits, capabilities: Capabilities, here_rad: float) -> None:
-    """Raises UsageError when ``motion`` cannot be run inside ``limits`` by this drive from where the axis is.   here_rad : rad."""
+    """Refuse a motion that cannot be run inside its limits by this drive from where the axis is.
+
+    Parameters
+    ----------
+    motion : Motion
+        That is asked for.
+    limits : Limits
+        Of the motion.
+    capabilities : Capabilities
+        Of the drive.
+    here_rad : float, rad
+        Present motor angle.
+
+    Raises
+    ------
+    UsageError
+        With what stands against it.
+    """
     if motion.kind not in capabilities.kinds:
         why = capabilities.refused.get(motion.kind, "it has no such mode")
         raise UsageError(f"{capabilities.name} cannot run a motion of kind {motion.kind!r}: {why}")

@@ -48,7 +48,15 @@ class Layout:
 
 
 def layout_of(mode: int, offsets: bool) -> Layout:
-    """The layout of a mode of operation: 3, 4, 6, 7, 8, 9 or 10; ``offsets``: mode 8 carries 60B1h and 60B2h as well, mode 9 60B2h."""
+    """The layout of the setpoints in a mode of operation.
+
+    Parameters
+    ----------
+    mode : int
+        3, 4, 6, 7, 8, 9 or 10.
+    offsets : bool
+        True if mode 8 carries 60B1h and 60B2h as well, mode 9 60B2h.
+    """
     torque, velocity = ((_CONTROLWORD, (0x6071, 0, 16)),), ((_CONTROLWORD, (0x60FF, 0, 32)),)
     added: tuple[tuple[MappedObject, ...], ...] = (((0x60B2, 0, 16),),) if offsets else ()
     position: tuple[tuple[MappedObject, ...], ...] = ((_CONTROLWORD, (0x607A, 0, 32)),)
@@ -107,6 +115,8 @@ def as_interpolated(values: Sequence[int], loop_share: float) -> list[float]:
 
     Parameters
     ----------
+    values : sequence of int
+        Raw, one for each SYNC.
     loop_share : float
         The loop's period over that of the setpoints; each is reached in the last loop before the next one (60C2h).
     """

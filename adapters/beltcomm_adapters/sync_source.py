@@ -125,5 +125,13 @@ def broadcast_by_kernel(bus: can.BusABC) -> bool:
 
 
 def sync_source(link: Link, period_s: float) -> SyncSource:
-    """The better one that this bus has."""
+    """The better source of SYNC that a bus has.
+
+    Parameters
+    ----------
+    link : Link
+        To the drive.
+    period_s : float, s
+        Of SYNC.
+    """
     return KernelSync(link, period_s) if broadcast_by_kernel(link.bus) else HostSync(link, period_s)

@@ -42,7 +42,17 @@ _ASK: Final = b"\x40" + _OBJECT + bytes(4)
 
 
 def keeps_time_by_sync(bus: can.BusABC, clock: Clock, node: int) -> bool:
-    """True if this node's time is the count of SYNCs; False also when it does not answer."""
+    """True if this node's time is the count of SYNCs; False also when it does not answer.
+
+    Parameters
+    ----------
+    bus : BusABC
+        Open.
+    clock : Clock
+        Of the bus.
+    node : int
+        Its number.
+    """
     try:
         return SdoObjects(Link(bus, clock, node)).read_text(0x1009).endswith(TIME_BY_SYNC)
     except BusError:

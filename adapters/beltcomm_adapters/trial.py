@@ -57,8 +57,16 @@ def tried(
 
     Parameters
     ----------
+    objects : Objects
+        Of the drive.
+    profile : Profile
+        Of the drive.
+    scaling : Scaling
+        Units of the drive.
     modes : frozenset[int]
         That the drive has.
+    period_s : float, s
+        Of SYNC.
     fastest_rad_s : float
         Of any record, from which it stops.
 

@@ -66,7 +66,13 @@ class RawUnit:
 
 
 def coded(code: int) -> RawUnit | None:
-    """Unit that an object 60A8h to 60AAh tells; None for a code that is not known."""
+    """Unit that an object 60A8h to 60AAh tells; None for a code that is not known.
+
+    Parameters
+    ----------
+    code : int
+        Content of the object.
+    """
     power = (code >> 24 & 0xFF ^ 0x80) - 0x80
     numerator = _NUMERATORS.get(code >> 16 & 0xFF)
     over = [_DENOMINATORS.get(code >> shift & 0xFF) for shift in (8, 0)]
@@ -80,7 +86,20 @@ def coded(code: int) -> RawUnit | None:
 
 
 def named(text: str, per: int) -> RawUnit:
-    """A unit by its name, per second to the power ``per``: 0 of a position, 1 of a speed, 2 of an acceleration.   Raises ValueError."""
+    """A unit by its name.
+
+    Parameters
+    ----------
+    text : str
+        Number and name, such as ``0.1 rpm``.
+    per : int
+        Power of 1/s: 0 of a position, 1 of a speed, 2 of an acceleration.
+
+    Raises
+    ------
+    ValueError
+        For text that is no such unit.
+    """
     if ramp := _RAMP.match(text):
         if per != 2:
             raise ValueError(f"{text!r} is an acceleration")

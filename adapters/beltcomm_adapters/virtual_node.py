@@ -46,6 +46,11 @@ def played(options: Mapping[str, object]) -> tuple[str, str | None]:
     """Virtual drive that the options ``as`` and ``profile`` play, and the profile that the host reads it by, None to choose by identity.
 
     A profile that is not played is the host's: of the reference drive, which is an ordinary CiA 402 drive to whoever knows no more of it.
+
+    Parameters
+    ----------
+    options : mapping of str to object
+        Of the adapter.
     """
     named, slave = profile_name(options), options.get("as")
     if slave is not None:
@@ -54,7 +59,13 @@ def played(options: Mapping[str, object]) -> tuple[str, str | None]:
 
 
 def ticks_per_second(options: Mapping[str, object]) -> int:
-    """Of a bus for this drive: one per cycle of its loops, which fit a whole number of times into the sample period asked for."""
+    """Ticks in a second of a bus for a virtual drive: one per cycle of its loops, which fit a whole number of times into the sample period.
+
+    Parameters
+    ----------
+    options : mapping of str to object
+        Of the adapter, with the sample period asked for.
+    """
     cycle_s, asked_s = profile_named(played(options)[0]).cycle_s, number(options, "sample_period", None)
     if not asked_s or asked_s < SHORTEST_S:
         return round(1.0 / cycle_s)
@@ -72,6 +83,12 @@ def attached(
 
     Parameters
     ----------
+    bus : LockstepBus
+        Of virtual time.
+    address : str
+        Plant, "" for the usual one.
+    options : mapping of str to object
+        Of the adapter.
     node, hardware
         Its number, its 1009h.
 

@@ -59,7 +59,20 @@ class RunsTab:
 
 
 def beside(run: Path, name: object) -> Path:
-    """The folder of a name beside a run, the run itself among them.   Raises UsageError for what names no folder there."""
+    """The folder of a name beside a run, the run itself among them.
+
+    Parameters
+    ----------
+    run : Path
+        Of the run folder.
+    name : object
+        As the page gave it.
+
+    Raises
+    ------
+    UsageError
+        For what names no folder there.
+    """
     own = run.resolve()
     if not isinstance(name, str) or name not in {one.name for one in own.parent.iterdir() if one.is_dir()}:
         raise UsageError(f"there is no run {name!r} beside {own.name}; the page lists those that there are under Runs")

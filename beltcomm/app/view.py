@@ -75,7 +75,20 @@ class ResidualView:
 
 
 def view_of(here: Opened, stamp: str) -> ResidualView:
-    """The view of an opened run.   Raises DataError for a model that explains nothing at all."""
+    """The view of residuals of an opened run.
+
+    Parameters
+    ----------
+    here : Opened
+        Fitted run.
+    stamp : str
+        Of :func:`stamp_of`.
+
+    Raises
+    ------
+    DataError
+        For a model that explains nothing at all.
+    """
     found = compare(here.data, here.fitted)
     explainable(found.ratio, here.folder.path)
     judged = [one for one in found.judged if len(one.white)]
@@ -115,7 +128,13 @@ def view_of(here: Opened, stamp: str) -> ResidualView:
 
 
 def base_effects(folder: RunFolder) -> tuple[str, ...]:
-    """Effects of the first model of the run: what a person added since may be taken out by a click, those only by a command."""
+    """Effects of the first model of the run: what a person added since may be taken out by a click, those only by a command.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    """
     rungs = (folder.load_result("ladder") or {}).get("revisions") or ()
     if rungs:
         return tuple(rungs[0]["effects"])
@@ -124,7 +143,13 @@ def base_effects(folder: RunFolder) -> tuple[str, ...]:
 
 
 def stamp_of(folder: Path) -> str:
-    """Changes with everything that a view rests on: the present model and the complete recordings."""
+    """Text that changes with everything that a view rests on: the present model and the complete recordings.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the run.
+    """
     files = [folder / "models" / f"{CURRENT}.yaml", *sorted((folder / "recordings").glob("*.csv"))]
     said = []
     for file in files:
@@ -137,5 +162,11 @@ def stamp_of(folder: Path) -> str:
 
 
 def shown(values: Array) -> list[float | None]:
-    """To the five digits that a picture shows; None where there is nothing."""
+    """Values to the five digits that a picture shows; None where there is nothing.
+
+    Parameters
+    ----------
+    values : ndarray (n,)
+        Of any unit.
+    """
     return [None if not math.isfinite(x) else float(f"{x:.5g}") for x in np.asarray(values).tolist()]

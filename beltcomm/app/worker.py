@@ -51,7 +51,15 @@ class TellingTalk:
 
 
 def work(run: Path, pipe: Connection) -> None:
-    """Do what is asked for until the pipe is closed."""
+    """Do the jobs that a pipe asks for until it is closed.
+
+    Parameters
+    ----------
+    run : Path
+        Of the run folder.
+    pipe : Connection
+        Jobs in, answers out.
+    """
     while True:
         try:
             job, given = pipe.recv()

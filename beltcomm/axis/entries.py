@@ -302,7 +302,13 @@ def entries_of(section: type[Any]) -> dict[str, AxisEntry]:
 
 
 def meaning_of(entry: str) -> str:
-    """Meaning of a dotted entry such as ``pulley.teeth``; "" for an unknown one."""
+    """Meaning of a dotted entry such as ``pulley.teeth``; "" for an unknown one.
+
+    Parameters
+    ----------
+    entry : str
+        ``SECTION.NAME``.
+    """
     section, _, key = entry.partition(".")
     known = entries_of(SECTIONS[section]) if section in SECTIONS else {}
     return known[key].meaning if key in known else ""

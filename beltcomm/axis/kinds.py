@@ -287,7 +287,15 @@ def _times(value: Any, factor: float, digits: int = 15) -> Any:
 
 
 def to_inside(kind: AxisKind, data: Mapping[str, Any]) -> dict[str, Any]:
-    """The sections of a file of this kind as they are inside; what is unknown to it is left as it stands."""
+    """The sections of a file of this kind as they are inside; what is unknown to it is left as it stands.
+
+    Parameters
+    ----------
+    kind : AxisKind
+        Of the axis.
+    data : mapping of str to Any
+        As read from its file.
+    """
     radius = _radius(kind, data)
     found: dict[str, Any] = {key: dict(value) if isinstance(value, Mapping) else value for key, value in data.items()}
     moved: dict[str, Any] = {RADIUS: ARC_M} if kind.rotary else {}
@@ -312,7 +320,15 @@ def to_inside(kind: AxisKind, data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def to_file(kind: AxisKind, data: Mapping[str, Any]) -> dict[str, Any]:
-    """Inverse of :func:`to_inside`: sections as they are inside, in the shape of the file."""
+    """Inverse of :func:`to_inside`: sections as they are inside, in the shape of the file.
+
+    Parameters
+    ----------
+    kind : AxisKind
+        Of the axis.
+    data : mapping of str to Any
+        Sections as they are inside.
+    """
     radius = dict(data.get("pulley") or {}).get("effective_radius_m")
     found: dict[str, Any] = {key: dict(value) if isinstance(value, Mapping) else value for key, value in data.items()}
     for name, entry in kind.renamed.items():
@@ -355,7 +371,15 @@ def _radius(kind: AxisKind, data: Mapping[str, Any]) -> float | None:
 
 
 def faults_of(kind: AxisKind, data: Mapping[str, Any]) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Entries of a file that this kind of axis does not have, and numbers out of its bounds, in words, with the keys that lead there."""
+    """Entries of a file that this kind of axis does not have, and numbers out of its bounds, in words, with the keys that lead there.
+
+    Parameters
+    ----------
+    kind : AxisKind
+        Of the axis.
+    data : mapping of str to Any
+        As read from its file.
+    """
     sections = kind.sections()
     for key, value in data.items():
         if key not in (*sections, "name", "trajectories"):
@@ -386,5 +410,11 @@ def _faults_in(kind: AxisKind, at: tuple[str, ...], entries: Mapping[str, AxisEn
 
 
 def shown(value: Any) -> str:
-    """A wrong value, as far as it is short."""
+    """A wrong value, as far as it is short.
+
+    Parameters
+    ----------
+    value : Any
+        Of any type.
+    """
     return text if len(text := repr(value)) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]} ..."

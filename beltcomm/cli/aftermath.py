@@ -39,8 +39,14 @@ def aftermath(
     ----------
     words : sequence of str
         Of the command line.
+    run : Path
+        Of the run folder.
     events : sequence of str
         That it noted.
+    drive : str
+        As for ``--drive``.
+    error : BeltcommError
+        That ended the command.
     resumes : bool
         The verb knows ``--resume``.
     """
@@ -95,8 +101,12 @@ def again_command(words: Sequence[str], run: Path | None, *, resumes: bool) -> s
 
     Parameters
     ----------
+    words : sequence of str
+        Of the command line.
     run : Path or None
         The folder to go on in; None begins a new one, whatever was asked for before.
+    resumes : bool
+        As of :func:`aftermath`.
     """
     kept: list[str] = []
     skip = False

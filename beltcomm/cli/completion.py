@@ -26,7 +26,15 @@ RECORDS, MODEL_FILE, CAN_TYPE = "recordings", "models/final.yaml", "280"
 
 
 def drives(_ctx: Context, _param: Parameter, incomplete: str) -> list[str]:
-    """Virtual drives with every shipped plant, and the interfaces and ports of this machine."""
+    """Virtual drives with every shipped plant, and the interfaces and ports of this machine.
+
+    Parameters
+    ----------
+    _ctx, _param : Context
+        Of click.
+    incomplete : str
+        Word on the line so far.
+    """
     from beltcomm.configfiles import config_names
 
     known = ["virtual", *(f"virtual:{name}" for name in config_names("plants")), "serial:virtual"]
@@ -34,49 +42,113 @@ def drives(_ctx: Context, _param: Parameter, incomplete: str) -> list[str]:
 
 
 def profiles(_ctx: Context, _param: Parameter, incomplete: str) -> list[str]:
-    """Drive profiles."""
+    """Drive profiles.
+
+    Parameters
+    ----------
+    _ctx, _param : Context
+        Of click.
+    incomplete : str
+        Word on the line so far.
+    """
     from beltcomm.configfiles import config_names
 
     return _beginning(config_names("drives"), incomplete)
 
 
 def slaves(_ctx: Context, _param: Parameter, incomplete: str) -> list[str]:
-    """Drives that the virtual one can play."""
+    """Drives that the virtual one can play.
+
+    Parameters
+    ----------
+    _ctx, _param : Context
+        Of click.
+    incomplete : str
+        Word on the line so far.
+    """
     from beltcomm.configfiles import config_names
 
     return _beginning(config_names("slaves"), incomplete)
 
 
 def axes(_ctx: Context, _param: Parameter, incomplete: str) -> list[CompletionItem]:
-    """Shipped axes, and files."""
+    """Shipped axes, and files.
+
+    Parameters
+    ----------
+    _ctx, _param : Context
+        Of click.
+    incomplete : str
+        Word on the line so far.
+    """
     return _names_and_files("axes", incomplete)
 
 
 def plants(_ctx: Context, _param: Parameter, incomplete: str) -> list[CompletionItem]:
-    """Shipped plants, and files."""
+    """Shipped plants, and files.
+
+    Parameters
+    ----------
+    _ctx, _param : Context
+        Of click.
+    incomplete : str
+        Word on the line so far.
+    """
     return _names_and_files("plants", incomplete)
 
 
 def effects(_ctx: Context, _param: Parameter, incomplete: str) -> list[str]:
-    """The whole catalogue."""
+    """Effects of the whole catalogue.
+
+    Parameters
+    ----------
+    _ctx, _param : Context
+        Of click.
+    incomplete : str
+        Word on the line so far.
+    """
     from beltcomm.effects import EFFECTS
 
     return _beginning((effect.name for effect in EFFECTS), incomplete)
 
 
 def effects_to_add(ctx: Context, param: Parameter, incomplete: str) -> list[str]:
-    """Those that the model of the run named on the line does not have yet."""
+    """Effects that the model of the run named on the line does not have yet.
+
+    Parameters
+    ----------
+    ctx, param : Context
+        Of click.
+    incomplete : str
+        Word on the line so far.
+    """
     has = _effects_of_line()
     return [name for name in effects(ctx, param, incomplete) if name not in has]
 
 
 def effects_to_remove(ctx: Context, param: Parameter, incomplete: str) -> list[str]:
-    """Those that the model of the run named on the line has; the whole catalogue before a run is named."""
+    """Effects that the model of the run named on the line has; the whole catalogue before a run is named.
+
+    Parameters
+    ----------
+    ctx, param : Context
+        Of click.
+    incomplete : str
+        Word on the line so far.
+    """
     return _beginning(has, incomplete) if (has := _effects_of_line()) else effects(ctx, param, incomplete)
 
 
 def runs(_ctx: Context, _param: Parameter, incomplete: str) -> list[CompletionItem]:
-    """Run folders here and one level below; any folder where there is none."""
+    """Run folders here and one level below; any folder where there is none.
+
+    Parameters
+    ----------
+    _ctx, _param : Context
+        Of click.
+    incomplete : str
+        Word on the line so far.
+    """
     from click.shell_completion import CompletionItem
 
     folder, slash, name = incomplete.rpartition("/")

@@ -350,7 +350,21 @@ def api(home: str = "beltcomm.api") -> Any:
 def axis_for(axis: str | None, drive: str, run: Path | None, resume: bool) -> Axis:
     """The axis a machine verb works on: ``--axis``, else that of a resumed run, else the shipped one for a virtual drive.
 
-    Raises UsageError when there is none, or its file is wrong.
+    Parameters
+    ----------
+    axis : str or None
+        Of ``--axis``; None without it.
+    drive : str
+        As for ``--drive``.
+    run : Path or None
+        Of ``--run``; None without it.
+    resume : bool
+        True if the run goes on.
+
+    Raises
+    ------
+    UsageError
+        When there is none, or its file is wrong.
     """
     from difflib import get_close_matches
 
@@ -371,7 +385,15 @@ def axis_for(axis: str | None, drive: str, run: Path | None, resume: bool) -> Ax
 
 
 def run_folder(run: Path | None, name: str) -> Path:
-    """``--run``, or a dated folder ``runs/NAME-DATE-TIME``.   The clock is read here: the core has none."""
+    """``--run``, or a dated folder ``runs/NAME-DATE-TIME``.   The clock is read here: the core has none.
+
+    Parameters
+    ----------
+    run : Path or None
+        Of ``--run``; None without it.
+    name : str
+        Of the axis.
+    """
     from datetime import datetime
 
     if run is not None:
@@ -380,7 +402,13 @@ def run_folder(run: Path | None, name: str) -> Path:
 
 
 def options_of(**values: Any) -> Any:
-    """``api.Options`` from what was given on the command line, and the clock on the wall; its defaults hold for the rest."""
+    """``api.Options`` from what was given on the command line, and the clock on the wall; its defaults hold for the rest.
+
+    Parameters
+    ----------
+    **values : Any
+        By name; None counts as not given.
+    """
     import time
 
     return api("beltcomm.experiments.options").Options(

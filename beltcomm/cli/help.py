@@ -39,7 +39,15 @@ FURTHER: Mapping[str, tuple[str, ...]] = {
 
 
 def show(ctx: click.Context, param: click.Parameter, value: bool) -> None:
-    """Print the help that an option asks for, and leave."""
+    """Print the help that an option asks for, and leave.
+
+    Parameters
+    ----------
+    ctx, param : Context
+        Of click.
+    value : bool
+        True if the option was given.
+    """
     if value and not ctx.resilient_parsing:
         click.echo(text(ctx, everything=param.opts[-1] == "--help-all"), color=ctx.color)
         ctx.exit()

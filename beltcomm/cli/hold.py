@@ -96,7 +96,20 @@ class HeldKey:
 
 
 def option(_ctx: click.Context, _param: click.Parameter, value: str | None) -> HeldKey | None:
-    """The key behind ``--hold-to-run``: the terminal's, or a file descriptor.   Raises UsageError where there is neither."""
+    """The key behind ``--hold-to-run``: the terminal's, or a file descriptor.
+
+    Parameters
+    ----------
+    _ctx, _param : Context
+        Of click.
+    value : str or None
+        "key", or the number of a file descriptor; None without the option.
+
+    Raises
+    ------
+    UsageError
+        Where there is neither.
+    """
     if value is None:
         return None
 

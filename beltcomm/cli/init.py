@@ -248,7 +248,22 @@ def _catalogue(frame: Invocation) -> int:
 
 
 def axis_with(axis: str | None, entries: tuple[str, ...], run: Path) -> Axis:
-    """An axis by name or file, else that of a run, else an empty one, with entries from --set.   Raises UsageError."""
+    """An axis by name or file, else that of a run, else an empty one, with entries from --set.
+
+    Parameters
+    ----------
+    axis : str or None
+        Name or path; None without one.
+    entries : tuple of str
+        ``KEY=VALUE``.
+    run : Path
+        Of the run folder.
+
+    Raises
+    ------
+    UsageError
+        For an entry or a file that is wrong.
+    """
     from beltcomm.axis import Axis, axis_from_dict, load_axis
 
     in_run = run / "axis.yaml"

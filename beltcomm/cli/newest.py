@@ -20,7 +20,13 @@ RUNS, MARKS = Path("runs"), ("run.yaml", "axis.yaml")
 
 
 def runs_here(folder: Path = RUNS) -> list[Path]:
-    """Run folders, the newest last: by what was last written in them."""
+    """Run folders, the newest last: by what was last written in them.
+
+    Parameters
+    ----------
+    folder : Path
+        Not searched deeper.
+    """
     if not folder.is_dir():
         return []
     found = [path for path in folder.iterdir() if path.is_dir() and _is_run(path)]
@@ -32,20 +38,47 @@ def _is_run(path: Path) -> bool:
 
 
 def written(path: Path) -> float:
-    """Time at which something was last done in a run, s since 1970."""
+    """Time at which something was last done in a run, s since 1970.
+
+    Parameters
+    ----------
+    path : Path
+        Of the run folder.
+    """
     files = [path / name for name in ("journal.txt", *MARKS)]
     return max((file.stat().st_mtime for file in files if file.is_file()), default=0.0)
 
 
 def or_newest(ctx: click.Context, _param: click.Parameter | None, value: Path | None) -> Path | None:
-    """The run given, else the newest under ``runs/`` or of this folder, which is said.   Raises UsageError where there is none."""
+    """The run given, else the newest under ``runs/`` or of this folder, which is said.
+
+    Parameters
+    ----------
+    ctx, _param : Context
+        Of click.
+    value : Path or None
+        As given on the line.
+
+    Raises
+    ------
+    UsageError
+        Where there is none.
+    """
     if value is not None or ctx.resilient_parsing:
         return value
     return _newest(ctx, RUNS, Path()) or _refused()
 
 
 def or_begun(ctx: click.Context, _param: click.Parameter, value: Path | None) -> Path | None:
-    """As :func:`or_newest`, of a folder of runs its newest; None where there is no run and somebody is there who may begin one."""
+    """As :func:`or_newest`, of a folder of runs its newest; None where there is no run and somebody is there who may begin one.
+
+    Parameters
+    ----------
+    ctx, _param : Context
+        Of click.
+    value : Path or None
+        As given on the line.
+    """
     if ctx.resilient_parsing or (value is not None and (_is_run(value) or not runs_here(value))):
         return value
     newest = _newest(ctx, value) if value is not None else _newest(ctx, RUNS, Path())
@@ -82,6 +115,13 @@ def told_drive(ctx: click.Context, run: Path | None) -> tuple[str | None, dict[s
     """The drive of a run, which is said, with the values of the options that it was reached by; None where it does not tell.
 
     A run may be a stranger's: one that would give other options than those, or a profile in a file, is none to go by.
+
+    Parameters
+    ----------
+    ctx : Context
+        Of click.
+    run : Path or None
+        Of the run folder; None for none.
     """
     found = drive_of(run)
     if found is None:

@@ -129,7 +129,13 @@ def _with_options(function: Function, *options: Callable[[Function], Function]) 
 
 
 def output_options(function: Function) -> Function:
-    """``--json``, ``--details``, ``-v`` and the help: every verb has them."""
+    """``--json``, ``--details``, ``-v`` and the help: every verb has them.
+
+    Parameters
+    ----------
+    function : Function
+        Of the verb.
+    """
 
     def set_details(ctx: click.Context, _param: click.Parameter, value: bool) -> None:
         ctx.obj.details = value
@@ -183,6 +189,8 @@ def drive_options(function: Function, *, needed: bool = True, of_run: bool = Tru
 
     Parameters
     ----------
+    function : Function
+        Of the verb.
     needed : bool
         False where a verb can do without.
     of_run : bool
@@ -225,7 +233,13 @@ def drive_options(function: Function, *, needed: bool = True, of_run: bool = Tru
 
 
 def serving_options(function: Function) -> Function:
-    """Options of the virtual drive that is served, and of how its time passes."""
+    """Options of the virtual drive that is served, and of how its time passes.
+
+    Parameters
+    ----------
+    function : Function
+        Of the verb.
+    """
     return _with_options(
         function,
         click.option("--drive", default="virtual", metavar="DRIVE", help="virtual (when left out) or virtual:PLANT."),
@@ -242,7 +256,11 @@ def machine_options(function: Function, *, needed: bool = True, of_run: bool = T
 
     Parameters
     ----------
+    function : Function
+        Of the verb.
     needed : bool
+        As in :func:`drive_options`.
+    of_run : bool
         As in :func:`drive_options`.
     """
     function = _with_options(
@@ -284,6 +302,8 @@ def writing_options(function: Function, *, needed: bool = True) -> Function:
 
     Parameters
     ----------
+    function : Function
+        Of the verb.
     needed : bool
         As in :func:`drive_options`.
     """
@@ -367,7 +387,13 @@ ASKED = ("phase_margin_deg", "suppression_db", "position_phase_margin_deg", "not
 
 
 def specification_options(command: Function) -> Function:
-    """The three knobs of the design source (4.4), all at once or one by one, the depths of its prefilters and T_R."""
+    """The three knobs of the design source (4.4), all at once or one by one, the depths of its prefilters and T_R.
+
+    Parameters
+    ----------
+    command : Function
+        Of the verb.
+    """
     demand = click.option(
         "--demand",
         type=WordChoice(["robust", "balanced", "fast"]),
@@ -388,7 +414,18 @@ def specification_options(command: Function) -> Function:
 
 
 def specification_of(given: dict[str, Any]) -> Specification | None:
-    """Specification made of these options, which are taken out of what was given; None without any.   Raises UsageError."""
+    """Specification made of these options, which are taken out of what was given; None without any.
+
+    Parameters
+    ----------
+    given : dict of str to Any
+        Options of the line; changed in place.
+
+    Raises
+    ------
+    UsageError
+        For a value out of its range.
+    """
     demand = given.pop("demand")
     asked = {name: value for name in ASKED if (value := given.pop(name)) is not None}
     if not asked and demand is None:

@@ -42,22 +42,48 @@ class Pace:
 
 
 def machine_left(place: CarriagePosition) -> str:
-    """Time that the whole job still takes on the machine; nothing where it is not known."""
+    """Time that the whole job still takes on the machine; nothing where it is not known.
+
+    Parameters
+    ----------
+    place : CarriagePosition
+        Of the carriage.
+    """
     return "" if place.left_s is None else tr("{s:.0f} s left on the machine", s=place.left_s)
 
 
 def clock_words(seconds: float) -> str:
-    """``00:41``."""
+    """A time as ``00:41``, minutes and seconds.
+
+    Parameters
+    ----------
+    seconds : float, s
+        Rounded down.
+    """
     return f"{int(seconds) // 60:02d}:{int(seconds) % 60:02d}"
 
 
 def millimetres(position_m: float, place: CarriagePosition) -> str:
-    """A position on the axis, or from where the carriage stood, then with its sign."""
+    """A position on the axis, or from where the carriage stood, then with its sign.
+
+    Parameters
+    ----------
+    position_m : float, m
+        Carriage on the axis.
+    place : CarriagePosition
+        Of the carriage.
+    """
     value = round(1e3 * position_m)
     unit = place.unit if place.unit == "°" else f" {place.unit}"
     return f"{value:d}{unit}" if place.known else f"{value:+d}{unit}"
 
 
 def load_at(place: CarriagePosition) -> str:
-    """``carriage at 250 mm``, and what else moves."""
+    """``carriage at 250 mm``, and what else moves.
+
+    Parameters
+    ----------
+    place : CarriagePosition
+        Of the carriage.
+    """
     return f"{tr(_AT.get(place.load, 'carriage at'))} {millimetres(place.position_m, place)}"

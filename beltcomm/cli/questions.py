@@ -39,7 +39,22 @@ _MODULE = re.compile(r"(\d+)\s*(?:teeth)?\s*[x×*]\s*(?:module|m)?\s*(.+)", re.I
 
 
 def with_key(key: str, name: str, text: str) -> float:
-    """A number with its unit; a wrong one is named by its whole key.   Raises UsageError."""
+    """A number with its unit; a wrong one is named by its whole key.
+
+    Parameters
+    ----------
+    key : str
+        ``SECTION.NAME``.
+    name : str
+        Last part of the key, with its unit as suffix.
+    text : str
+        As it was typed.
+
+    Raises
+    ------
+    UsageError
+        For text that is no such number.
+    """
     try:
         return parse_quantity(text, name)
     except UsageError as error:
@@ -61,10 +76,20 @@ def ask_number(
 
     Parameters
     ----------
+    key : str
+        ``SECTION.NAME``.
+    name : str
+        Last part of the key, with its unit as suffix.
+    entry : AxisEntry
+        Meaning and bounds.
+    default : float or None, SI
+        For an empty answer; None for none.
     contradicts : callable
         In words.
     where : str
         Number of the question.
+    kind : str
+        Of the axis; "" for a belt.
     """
     from beltcomm.axis.kinds import KINDS
     from beltcomm.axis.terms import terms
@@ -113,14 +138,30 @@ def _really(key: str, name: str, value: float, kind: str) -> str | None:
 
 
 def ask_word(question: str, known: Sequence[str], default: str) -> str:
-    """One of some words, or nothing."""
+    """One of some words, or nothing.
+
+    Parameters
+    ----------
+    question : str
+        A sentence.
+    known : sequence of str
+        Words that count.
+    default : str
+        For an empty answer.
+    """
     while (answer := reply(question, default, back=True).lower()) not in {"", *known}:
         tell(f"    {answer!r}: {', '.join(known)}")
     return answer
 
 
 def toothed(text: str) -> dict[tuple[str, str], float]:
-    """Teeth and pitch, m, that ``22 x 8 mm`` states beside the radius; nothing for a radius that was written otherwise."""
+    """Teeth and pitch, m, that ``22 x 8 mm`` states beside the radius; nothing for a radius that was written otherwise.
+
+    Parameters
+    ----------
+    text : str
+        As it was typed.
+    """
     found = _TEETH.fullmatch(text)
     if not found:
         return {}
@@ -128,7 +169,15 @@ def toothed(text: str) -> dict[tuple[str, str], float]:
 
 
 def otherwise(name: str, text: str) -> float | None:
-    """A number written as data sheets have it, None for any other text.   2^n of n bits;  r = z p/2π of z teeth;  r = s/2π of the way s."""
+    """A number written as data sheets have it, None for any other text.   2^n of n bits;  r = z p/2π of z teeth;  r = s/2π of the way s.
+
+    Parameters
+    ----------
+    name : str
+        Of the entry, with its unit as suffix.
+    text : str
+        As it was typed.
+    """
     bits = re.fullmatch(r"(\d+)\s*-?\s*bits?", text, re.IGNORECASE)
     if name in ("encoder_counts_per_rev", "counts_per_pole_pair") and bits:
         return float(2 ** int(bits[1]))
@@ -144,7 +193,13 @@ def otherwise(name: str, text: str) -> float | None:
 
 
 def tell(line: str) -> None:
-    """One or more lines beside the answers, broken between words."""
+    """One or more lines beside the answers, broken between words.
+
+    Parameters
+    ----------
+    line : str
+        With or without line breaks.
+    """
     for part in line.split("\n"):
         words = part.lstrip()
         click.echo(fitted(part[: len(part) - len(words)] + told(words), sys.stderr), err=True)
@@ -155,8 +210,14 @@ def reply(question: str, default: str, shown: str = "", *, back: bool = False) -
 
     Parameters
     ----------
+    question : str
+        A sentence.
+    default : str
+        For an empty answer.
     shown : str
         The default as people write it.
+    back : bool
+        True if Back and Done are answers.
 
     Raises
     ------

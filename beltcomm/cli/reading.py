@@ -45,7 +45,13 @@ DBC = click.option("--dbc", type=click.Path(path_type=Path), help="DBC file that
 
 
 def reading_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Those that a stream has, which has no first and no last row."""
+    """Options of reading that a stream has, which has no first and no last row.
+
+    Parameters
+    ----------
+    command : callable
+        Of the verb.
+    """
     for option in (DBC, SIGNAL, NODE, CHANNEL, DROP, DECIMAL, SEPARATOR, UNWRAP, FLIP, TORQUE_ACTS, PERIOD, RATE, MAP):
         command = option(command)
     return command
@@ -70,7 +76,18 @@ def _mappings(written: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def reading_of(given: dict[str, Any]) -> Any:
-    """Reading of rows as the options ask for it, a :class:`beltcomm.foreign.convert.Reading`.  Raises UsageError."""
+    """Reading of rows as the options ask for it, a :class:`beltcomm.foreign.convert.Reading`.
+
+    Parameters
+    ----------
+    given : dict of str to Any
+        Options of the line.
+
+    Raises
+    ------
+    UsageError
+        For a mapping or a period that is wrong.
+    """
     from beltcomm.foreign.convert import Reading
 
     first, last = given.get("rows") or (None, None)

@@ -39,7 +39,13 @@ DUMB = ("dumb", "unknown")
 
 
 def draws(stream: TextIO) -> bool:
-    """True if control characters may be written: to a terminal that can do more than print."""
+    """True if control characters may be written: to a terminal that can do more than print.
+
+    Parameters
+    ----------
+    stream : TextIO
+        Written to.
+    """
     return stream.isatty() and os.environ.get("TERM", "").lower() not in DUMB
 
 
@@ -57,7 +63,15 @@ def width_of(stream: TextIO) -> int:
 
 
 def fitted(line: str, stream: TextIO) -> str:
-    """A line without anything that a terminal obeys, no wider than it, broken between words and indented; into a pipe it goes whole."""
+    """A line without anything that a terminal obeys, no wider than it, broken between words and indented; into a pipe it goes whole.
+
+    Parameters
+    ----------
+    line : str
+        Of any origin.
+    stream : TextIO
+        Written to.
+    """
     line = for_terminal(line)
     if not stream.isatty() or len(line) <= (width := width_of(stream)):
         return line
@@ -79,7 +93,13 @@ def _plain(line: str, stream: TextIO) -> str:
 
 
 def console_of(stream: TextIO) -> Console:
-    """For drawing on a terminal."""
+    """Console for drawing on a terminal.
+
+    Parameters
+    ----------
+    stream : TextIO
+        Written to.
+    """
     from rich.console import Console
 
     return Console(file=stream, width=width_of(stream), highlight=False, markup=False, emoji=False)
@@ -95,7 +115,15 @@ def _in_language(line: str) -> str:
 
 
 def echo(lines: Iterable[str], stream: TextIO) -> None:
-    """Print lines; on a terminal rows of a table are drawn as one."""
+    """Print lines; on a terminal rows of a table are drawn as one.
+
+    Parameters
+    ----------
+    lines : iterable of str
+        With rows of tables.
+    stream : TextIO
+        Written to.
+    """
     if not draws(stream):
         for line in map(_in_language, lines) if language.spoken() else lines:
             click.echo(_plain(line, stream), file=stream)
@@ -104,7 +132,17 @@ def echo(lines: Iterable[str], stream: TextIO) -> None:
 
 
 def draw(lines: Iterable[str], console: Console, stream: TextIO) -> None:
-    """Draw lines on a console, which may have a live display below."""
+    """Draw lines on a console, which may have a live display below.
+
+    Parameters
+    ----------
+    lines : iterable of str
+        With rows of tables.
+    console : Console
+        Of the terminal.
+    stream : TextIO
+        Written to.
+    """
     from beltcomm.result import Line
 
     for block in _blocks(map(_in_language, lines) if language.spoken() else lines):
@@ -153,7 +191,15 @@ def _narrow(parts: Sequence[tuple[str, str]], width: int) -> Iterator[list[tuple
 
 
 def failure(text: str, stream: TextIO) -> None:
-    """Write an error, its first word in red on a terminal that has colours."""
+    """Write an error, its first word in red on a terminal that has colours.
+
+    Parameters
+    ----------
+    text : str
+        With its first word before a colon.
+    stream : TextIO
+        Written to.
+    """
     first, colon, rest = fitted(text, stream).partition(":")
     coloured = draws(stream) and not os.environ.get("NO_COLOR")
     click.echo((click.style(first + colon, fg="red", bold=True) if coloured else first + colon) + rest, file=stream, color=coloured)

@@ -314,8 +314,12 @@ def quantised_pi(kp: float, tn: float, structure: CascadeStructure) -> list[tupl
 
     Parameters
     ----------
+    kp : float, N m s/rad, motor shaft
+        K_P.
     tn : float
         K_P/K_I, s.
+    structure : CascadeStructure
+        Steps and bounds of the drive.
     """
     kps = {on_step(kp, structure.steps.get("kp_nm_s_rad", 0.0), way) for way in (math.floor, math.ceil)}
     pairs = []

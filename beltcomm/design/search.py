@@ -107,6 +107,12 @@ def highest_position_gain(path: ComplexArray, shape: LoopShape, specification: S
     ----------
     path : ComplexArray, (p, n)
         See ``loops.position_path``.
+    shape : LoopShape
+        Of p plants.
+    specification : Specification
+        Margins to be kept.
+    limit : float, 1/s
+        Largest K_PP that is asked.
 
     Returns
     -------

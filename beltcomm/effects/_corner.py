@@ -10,7 +10,15 @@ REACH = 3.6967848
 
 @compiled
 def ramp(x: float, width: float) -> float:
-    """0 below, x above, and between -w and w a corner with continuous curvature:  w (1 + u)³ (3 - u)/16,  u = x/w,  w = REACH width."""
+    """0 below, x above, and between -w and w a corner with continuous curvature:  w (1 + u)³ (3 - u)/16,  u = x/w,  w = REACH width.
+
+    Parameters
+    ----------
+    x : float
+        Of any unit.
+    width : float
+        In that unit.
+    """
     half = REACH * width
     if x >= half:
         return x
@@ -23,7 +31,15 @@ def ramp(x: float, width: float) -> float:
 
 @compiled
 def ramp_slope(x: float, width: float) -> float:
-    """Slope of :func:`ramp`:  (1 + u)² (2 - u)/4."""
+    """Slope of :func:`ramp`:  (1 + u)² (2 - u)/4.
+
+    Parameters
+    ----------
+    x : float
+        Of any unit.
+    width : float
+        In that unit.
+    """
     half = REACH * width
     if x >= half:
         return 1.0

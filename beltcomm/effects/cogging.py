@@ -11,12 +11,45 @@ HIGHEST_ORDER, COUNT = 100, 12
 
 
 def force(position: float, speed: float, t: float, order: float, sine: float, cosine: float) -> float:
-    """Torque on the motor:  -(sine sin(order θ) + cosine cos(order θ)), N m.   θ : rad, absolute motor angle."""
+    """Torque on the motor:  -(sine sin(order θ) + cosine cos(order θ)), N m.
+
+    Parameters
+    ----------
+    position : float, rad
+        θ, absolute motor angle.
+    speed : float, rad/s
+        Not used.
+    t : float, s
+        Not used.
+    order : float
+        Periods per turn of the motor.
+    sine, cosine : float, N m
+        Amplitudes.
+    """
     return -(sine * math.sin(order * position) + cosine * math.cos(order * position))
 
 
 def slope(position: float, speed: float, t: float, order: float, sine: float, cosine: float) -> tuple[float, float]:
-    """(d force/d position, d force/d speed)."""
+    """(d force/d position, d force/d speed).
+
+    Parameters
+    ----------
+    position : float, rad
+        θ, absolute motor angle.
+    speed : float, rad/s
+        Not used.
+    t : float, s
+        Not used.
+    order : float
+        Periods per turn of the motor.
+    sine, cosine : float, N m
+        Amplitudes.
+
+    Returns
+    -------
+    tuple of float, N m/rad, N m s/rad
+        Motor shaft.
+    """
     return -order * (sine * math.cos(order * position) - cosine * math.sin(order * position)), 0.0
 
 

@@ -21,7 +21,17 @@ def torque(twist: float, rate: float, x: float, stiffness: float, damping: float
 
 
 def slope(x: float, stiffness: float, damping: float) -> tuple[float, float]:
-    """(stiffness N m/rad, damping N m s/rad)."""
+    """(stiffness N m/rad, damping N m s/rad).
+
+    Parameters
+    ----------
+    x : float, m
+        Carriage on the axis; not used.
+    stiffness : float, N m/rad
+        K.
+    damping : float, N m s/rad
+        D.
+    """
     return stiffness, damping
 
 

@@ -36,7 +36,15 @@ def lag_torque(cells: Array, h: float, time: float) -> Array:
 
 
 def response(omega: Array, time: float) -> NDArray[np.complex128]:
-    """1/(1 + j ω time)."""
+    """Response of a first-order lag: 1/(1 + j ω time).
+
+    Parameters
+    ----------
+    omega : ndarray (n,), rad/s
+        ω.
+    time : float, s
+        Time constant.
+    """
     return np.asarray(1.0 / (1.0 + 1j * omega * time))
 
 

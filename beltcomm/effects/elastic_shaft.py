@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from beltcomm.effects._effect import AxisSummary, Body, Effect, Element, Parameter, Trial
+from beltcomm.effects.coupling import slope
 
 #: Hz; antiresonances tried, and shares of the whole inertia that the load may have.
 FREQUENCIES_HZ = (8.0, 12.0, 17.0, 24.0, 32.0, 42.0, 55.0, 70.0, 90.0, 115.0, 150.0, 200.0)
@@ -20,11 +21,6 @@ def torque(twist: float, rate: float, x: float, stiffness: float, damping: float
         Motor angle minus load angle.
     """
     return stiffness * twist + damping * rate
-
-
-def slope(x: float, stiffness: float, damping: float) -> tuple[float, float]:
-    """(stiffness N m/rad, damping N m s/rad)."""
-    return stiffness, damping
 
 
 def trials(ground: AxisSummary) -> list[Trial]:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltcomm.arrays import Array
 from beltcomm.compiled import compiled
 from beltcomm.effects._effect import TORQUE_LAG, AxisSummary, DiscriminatingExperiment, Effect, ManualCheck, Parameter, Trial
 from beltcomm.effects._records import MIDDLE, sweep, wide
+from beltcomm.effects.current_lag import response
 
 
 @compiled
@@ -35,11 +35,6 @@ def read(torque: Array, start: float, h: float, time: float) -> Array:
             y = decay * y + (share - decay) * torque[k - 1] + (1.0 - share) * torque[k]
         out[k] = y
     return out
-
-
-def response(omega: Array, time: float) -> NDArray[np.complex128]:
-    """1/(1 + j ω time): what is read over what acts."""
-    return np.asarray(1.0 / (1.0 + 1j * omega * time))
 
 
 def trials(ground: AxisSummary) -> list[Trial]:

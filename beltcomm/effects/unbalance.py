@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial
+from beltcomm.effects.cogging import slope
 
 #: Share of the largest torque that a weight is tried with.
 _SHARE = 0.2
@@ -27,11 +28,6 @@ def force(position: float, speed: float, t: float, order: float, sine: float, co
     m g l sin(φ), the moment of a weight about its axis.
     """
     return -(sine * math.sin(order * position) + cosine * math.cos(order * position))
-
-
-def slope(position: float, speed: float, t: float, order: float, sine: float, cosine: float) -> tuple[float, float]:
-    """(d force/d position, d force/d speed)."""
-    return -order * (sine * math.cos(order * position) - cosine * math.sin(order * position)), 0.0
 
 
 def trials(ground: AxisSummary) -> list[Trial]:

@@ -294,6 +294,11 @@ def count_increments(edges: Edges, *, debounce: bool = True) -> Increments:
 def require_order(edges: Edges) -> None:
     """Refuse increments that are not in the order of time.
 
+    Parameters
+    ----------
+    edges : Edges
+        Of a record.
+
     Raises
     ------
     DataError

@@ -206,7 +206,17 @@ def take_stretch(registers: IntArray, before_m: float, after_m: float, begin_tic
 
 @compiled
 def all_increments(registers: IntArray, tick: IntArray, channel: IntArray, level: IntArray) -> tuple[IntArray, IntArray]:
-    """Ticks and steps of all increments."""
+    """Ticks and steps of all increments.
+
+    Parameters
+    ----------
+    registers : ndarray of int
+        Of the decoder; changed in place.
+    tick : ndarray of int (n,)
+        Of the edges, in their order.
+    channel, level : ndarray of int (n,)
+        Of the edges.
+    """
     ticks, steps = np.zeros(len(tick), dtype=np.int64), np.zeros(len(tick), dtype=np.int64)
     n = 0
     for i in range(len(tick)):
@@ -317,7 +327,23 @@ def combined_step(c: Array, state: Array, registers: IntArray, now_tick: int) ->
 
 @compiled
 def run_record(c: Array, state: Array, registers: IntArray, tick: IntArray, channel: IntArray, level: IntArray, periods: int) -> Array:
-    """Count, increments, and the four velocities at each sampling instant: ndarray (periods, 6)."""
+    """Count, increments, and the four velocities at each sampling instant: ndarray (periods, 6).
+
+    Parameters
+    ----------
+    c : ndarray (9,)
+        Numbers of :func:`beltcomm.encoder.estimators.coefficients`.
+    state : ndarray
+        Of the filters; changed in place.
+    registers : ndarray of int
+        Of decoder and estimators; changed in place.
+    tick : ndarray of int (n,)
+        Of the edges, in their order.
+    channel, level : ndarray of int (n,)
+        Of the edges.
+    periods : int
+        Sampling periods of the record.
+    """
     table = np.zeros((periods, 6))
     i = 0
     for k in range(periods):

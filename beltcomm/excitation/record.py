@@ -184,10 +184,22 @@ def finish(
 
     Parameters
     ----------
+    kind : str
+        Of the signal.
     period : ndarray (n,), N m
+    repeats : int
+        Measured periods.
+    sample_period_s : float, s
+        Sampling period.
+    band_hz : tuple of float, Hz
+        That is excited.
+    parameters : mapping of str to float
+        Of the signal, by name.
     torque_step_nm : float, N m
         Resolution of the drive's torque setpoint, 0 for none. The momentum is rounded instead of the torque, because what is taken away as
         mean is smaller than a step and would be lost: the torque then has at most one step more than asked for.
+    lines : tuple of int
+        Excited ones; () where all are.
 
     Raises
     ------

@@ -77,12 +77,24 @@ def peak_torque_nm(axis: Axis, capabilities: Capabilities) -> float:
 
 
 def friction_before_nm(axis: Axis) -> float:
-    """Friction thought of before it is measured, N m at the motor."""
+    """Friction thought of before it is measured, N m at the motor.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    """
     return gravity.FRICTION_SHARE * axis.torque_limit_nm
 
 
 def held_before_nm(axis: Axis) -> float:
-    """Holding torque of a tilted axis by axis.yaml, N m."""
+    """Holding torque of a tilted axis by axis.yaml, N m.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    """
     return abs(gravity.expected(axis).torque_nm) if axis.mounting.tilted else 0.0
 
 
@@ -159,12 +171,28 @@ def gentle_force_n(axis: Axis) -> float:
 
 
 def top_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
-    """Speed that axis and drive allow, m/s."""
+    """Speed that axis and drive allow, m/s.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    capabilities : Capabilities
+        Of the drive.
+    """
     return min(float(axis.limits.speed_m_s or 0.0), capabilities.max_speed_rad_s * axis.transmission_m_rad)
 
 
 def masses_kg(axis: Axis, model: Model | None = None) -> tuple[float, float]:
-    """Lightest and heaviest carriage to count with."""
+    """Lightest and heaviest carriage to count with.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    model : Model or None
+        None while none is known.
+    """
     if model is not None:
         return model["cart.mass"], model["cart.mass"]
     stated = axis.payload.mass_kg or 0.0
@@ -173,7 +201,20 @@ def masses_kg(axis: Axis, model: Model | None = None) -> tuple[float, float]:
 
 
 def seconds_of(step: Step, course: Course) -> float:
-    """Duration of a step with these limits, bringing the carriage there from the step before included, s."""
+    """Duration of a step with these limits, bringing the carriage there from the step before included, s.
+
+    Parameters
+    ----------
+    step : Step
+        Of a record schedule.
+    course : Course
+        Limits of motions.
+
+    Raises
+    ------
+    Refused
+        For a step that cannot be made.
+    """
     low, high = course.window_m
     speed = min(phases.POSITIONING_SPEED_M_S, course.gentle.speed_m_s)
     bring = BETWEEN_SHARE * (high - low) / speed + speed / course.gentle.acceleration_m_s2 + BRING_REST_S
@@ -183,7 +224,15 @@ def seconds_of(step: Step, course: Course) -> float:
 
 
 def has_room(step: Step, course: Course) -> bool:
-    """True if a step can be made within a travel at all."""
+    """True if a step can be made within a travel at all.
+
+    Parameters
+    ----------
+    step : Step
+        Of a record schedule.
+    course : Course
+        Limits of motions.
+    """
     try:
         seconds_of(step, course)
     except Refused:
@@ -196,6 +245,12 @@ def bounds_of(axis: Axis, capabilities: Capabilities, step: Step, model: Model |
 
     Parameters
     ----------
+    axis : Axis
+        As its file states it.
+    capabilities : Capabilities
+        Of the drive.
+    step : Step
+        Of a record schedule.
     model : Model or None
         Of the axis; without one the slowest and the fastest carriage that is thought of count.
     """
@@ -222,7 +277,19 @@ def bounds_of(axis: Axis, capabilities: Capabilities, step: Step, model: Model |
 
 
 def fastest_m_s(axis: Axis, capabilities: Capabilities, steps: Sequence[Step], mass_kg: float) -> float:
-    """Fastest motion of several steps with a carriage of this mass, m/s."""
+    """Fastest motion of several steps with a carriage of this mass, m/s.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    capabilities : Capabilities
+        Of the drive.
+    steps : sequence of Step
+        Of a record schedule.
+    mass_kg : float, kg
+        Carriage with payload.
+    """
     course = course_before(axis, capabilities, mass_kg)
     paths = [path_of(step, course, start_of(step, course)) for step in steps if step.kind != "response"]
     return max((float(np.max(np.abs(path.velocity_m_s))) for path in paths), default=0.0)

@@ -207,7 +207,13 @@ def with_detectability(plan: Plan, axis: Axis, capabilities: Capabilities, optio
 
 
 def sheet_model(axis: Axis) -> Model:
-    """The base model with what the data sheets say, and with the assumptions of this module."""
+    """The base model with what the data sheets say, and with the assumptions of this module.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    """
     friction = FRICTION_SHARE * axis.torque_limit_nm
     middle = axis.travel.middle_m
     sheet = data_sheet_model(axis, middle, friction)

@@ -114,6 +114,16 @@ def confirm_first_motion(
 
     Parameters
     ----------
+    hardware : Hardware
+        Drive, and what this computer knows of it.
+    axis : Axis
+        As its file states it.
+    plan : Plan
+        What is planned.
+    options : Options
+        Settings of the session.
+    talk : Talk
+        Hears progress and answers questions.
     units : Mapping of str to float
         Of its capabilities: with others than it was moved with it is asked for anew.
 

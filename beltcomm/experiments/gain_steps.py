@@ -53,7 +53,15 @@ _TOLD = "ki_nm_rad"
 
 
 def line(axis: Axis, capabilities: Capabilities) -> tuple[Experiment, ...]:
-    """The plan's line, where this drive's gains have no known meaning yet."""
+    """The plan's line, where this drive's gains have no known meaning yet.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    capabilities : Capabilities
+        Of the drive.
+    """
     return (experiment(axis, capabilities),) if capabilities.uncalibrated else ()
 
 
@@ -74,6 +82,13 @@ def experiment(axis: Axis, capabilities: Capabilities) -> Experiment:
 
 def ensure(machine: Machine, breakaway_nm: float) -> float:
     """Before a gain is written for the first time: find out what they mean, unless it is known.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    breakaway_nm : float, N m, motor shaft
+        Breakaway torque.
 
     Returns
     -------

@@ -55,7 +55,15 @@ def mean_of(values: Sequence[float]) -> HoldingTorque:
 
 
 def masses_kg(machine: Machine, torque_nm: float) -> tuple[float, ...]:
-    """Lightest, usual and heaviest carriage that a holding torque at this tilt, known within 5 degrees, allows."""
+    """Lightest, usual and heaviest carriage that a holding torque at this tilt, known within 5 degrees, allows, kg.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    torque_nm : float, N m, motor shaft
+        Holding torque.
+    """
     steep = abs(machine.axis.mounting.tilt_deg)
     angles = [min(steep + d * gravity.TILT_ERROR_DEG, 90.0) for d in (1.0, 0.0, -1.0)]
     shares = [gravity.holding_torque_nm(machine.axis, 1.0, max(angle, LEVEL_DEG / 2.0)) for angle in angles]
@@ -64,6 +72,11 @@ def masses_kg(machine: Machine, torque_nm: float) -> tuple[float, ...]:
 
 def sign_and_scale(machine: Machine) -> tuple[Breakaway, Holding]:
     """Find a torque that holds the carriage, then breakaway in both directions from it; check direction and stopping.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
 
     Raises
     ------
@@ -206,6 +219,18 @@ def compare(machine: Machine, holding: Holding) -> Holding:
     """The slow integrating controller from both sides, and slow creep both ways, with the loop that is in the drive for a stop.
 
     A drive without a position loop that holds the axis has neither: then breakaway stands.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    holding : Holding
+        With the half sum at breakaway.
+
+    Returns
+    -------
+    Holding
+        With what both ways showed, or why not.
     """
     if machine.braking is None or not machine.holds_in_loops or machine.stroking() != "position":
         why = "no loop that holds the axis could be lent to the drive: the half sum at breakaway is used"

@@ -260,7 +260,17 @@ def plan_of(machine: Machine, job: LoopJob) -> Plan:
 
 
 def is_moved(job: LoopJob, amplitude: float, at_m: float) -> bool:
-    """True if the model of a standing axis is moved by an excitation."""
+    """True if the model of a standing axis is moved by an excitation.
+
+    Parameters
+    ----------
+    job : LoopJob
+        Loop, signal and predicted motion.
+    amplitude : float
+        In the unit of the excitation.
+    at_m : float, m
+        Carriage on the axis.
+    """
     run = simulate_record(job.model, job.loop, job.motion(amplitude, rising=True), at_m)
     return float(np.ptp(run.position_rad)) > MOVED_COUNTS * 2.0 * math.pi / job.loop.drive.counts_per_rev
 
@@ -275,7 +285,20 @@ def _moves(job: LoopJob, amplitude: float, at_m: float) -> None:
 
 
 def check_inside(machine: Machine, prediction: MovingPrediction) -> None:
-    """Raise Refused when a record with its stops is predicted to leave the travel."""
+    """Refuse a record that with its stops is predicted to leave the travel.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    prediction : MovingPrediction, m
+        Of the record.
+
+    Raises
+    ------
+    Refused
+        With both.
+    """
     low, high = machine.envelope().window_m
     if prediction.low_m < low or prediction.high_m > high:
         raise Refused(

@@ -41,9 +41,18 @@ MOVE = "own_move"
 
 
 def try_out(machine: Machine, findings: Findings, model: Model) -> bool:
-    """Let the loop that stands in the drive follow slow strokes, each faster than the one before; whether it can be used.
+    """Let the loop that stands in the drive follow slow strokes, each faster than the one before; False where it cannot be used.
 
     What it showed is counted with from then on.   Raises what says more of the axis or the drive than of its loop.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    findings : Findings
+        Of the session; filled.
+    model : Model
+        First model.
     """
     machine.closed = model, delay(findings)
     machine.cascade = None
@@ -132,6 +141,14 @@ def verify_own(
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
+    findings : Findings
+        Of the session; filled.
+    model : Model
+        Of the axis.
+    cascade : Cascade
+        The controller.
     asked : Trajectory or None
         The user's own move, or None for the standard one; None is returned where no share of its speed could be driven.
     """

@@ -49,12 +49,23 @@ def lags(capabilities: Capabilities) -> bool:
 
 
 def kpp_1_s(machine: Machine) -> float:
-    """The gain that a lag depends on, 1/s; infinite where nothing lags."""
+    """The gain that a lag depends on, 1/s; infinite where nothing lags.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    """
     return machine.drive.backup().get("kpp_1_s", 0.0) if lags(machine.drive.capabilities) else math.inf
 
 
 def settle_s(machine: Machine) -> float:
     """Time after which a stroke is as fast as its reference, s.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
 
     Raises
     ------
@@ -71,12 +82,26 @@ def settle_s(machine: Machine) -> float:
 
 
 def note(machine: Machine) -> dict[str, Any]:
-    """For the sidecar of a sweep: the run-in of its plateaus, where it is not the usual one."""
+    """For the sidecar of a sweep: the run-in of its plateaus, where it is not the usual one.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    """
     return {RUN_IN_KEY: SWEEP_RUN_IN_S + settle_s(machine)} if lags(machine.drive.capabilities) else {}
 
 
 def longest_sweep_s(axis: Axis, capabilities: Capabilities) -> float:
-    """Time that a sweep may take beyond one in step with the host, s: longer plateaus, handing over, arriving, and settling."""
+    """Time that a sweep may take beyond one in step with the host, s: longer plateaus, handing over, arriving, and settling.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    capabilities : Capabilities
+        Of the drive.
+    """
     if stroking(capabilities) != "profile":
         return 0.0
     period_s = capabilities.sample_period_s

@@ -54,6 +54,13 @@ class Course:
 def start_of(step: Step, course: Course) -> float:
     """Start position of a closed-loop step, m.
 
+    Parameters
+    ----------
+    step : Step
+        Of a record schedule.
+    course : Course
+        Limits of motions.
+
     Raises
     ------
     Refused
@@ -78,6 +85,15 @@ def start_of(step: Step, course: Course) -> float:
 
 def path_of(step: Step, course: Course, at_m: float) -> Trajectory:
     """The reference of a closed-loop step from where the carriage stands.
+
+    Parameters
+    ----------
+    step : Step
+        Of a record schedule.
+    course : Course
+        Limits of motions.
+    at_m : float, m
+        Where the carriage stands.
 
     Raises
     ------

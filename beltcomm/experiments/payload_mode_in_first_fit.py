@@ -36,7 +36,19 @@ STARTS, CLEAR_EVIDENCE = 2, 150.0
 
 
 def with_swing(found: FinalModel, recordings: Sequence[Recording], axis: Axis, counts_per_rev: int) -> Model | None:
-    """The model with a payload that swings, where it explains the records to the noise and clearly better than ``found``; else None."""
+    """The model with a payload that swings, where it explains the records to the noise and clearly better than ``found``; else None.
+
+    Parameters
+    ----------
+    found : FinalModel
+        Fit without it.
+    recordings : sequence of Recording
+        Of the fit.
+    axis : Axis
+        Data sheets.
+    counts_per_rev : int
+        Of the encoder.
+    """
     step, noise_nm, path = 2.0 * math.pi / counts_per_rev, found.fit.noise_nm, found.fit.path
 
     def left(start: Model) -> float:
@@ -66,12 +78,24 @@ def _starts(model: Model) -> Iterator[Model]:
 
 
 def as_one(model: Model) -> Model:
-    """Model with the payload fixed to the carriage."""
+    """Model with the payload fixed to the carriage.
+
+    Parameters
+    ----------
+    model : Model
+        With the payload mode.
+    """
     return model.without_effect(SWING).with_values({"cart.mass": model["cart.mass"] + model["payload.mass"]})
 
 
 def swing_words(model: Model) -> str:
-    """The payload mode that is counted with, in words."""
+    """The payload mode that is counted with, in words.
+
+    Parameters
+    ----------
+    model : Model
+        With the payload mode.
+    """
     freq_hz = math.sqrt(model["payload_mode.stiffness"] / model["payload.mass"]) / (2.0 * math.pi)
     return (
         f"a payload of {model['payload.mass']:.2g} kg seems to swing on the carriage at {freq_hz:.3g} Hz; the first loop counts with it as "
@@ -83,6 +107,21 @@ def proven_margin_deg(
     swing: Model, cascade: Cascade, structure: CascadeStructure, at_m: float, dead_time_s: float, apparent_damping_nm_s_rad: float
 ) -> float:
     """Smallest phase margin of a loop on the axis whose payload swings, deg.
+
+    Parameters
+    ----------
+    swing : Model
+        With the payload mode.
+    cascade : Cascade
+        The controller.
+    structure : CascadeStructure
+        Of the drive's loops.
+    at_m : float, m
+        Carriage on the axis.
+    dead_time_s : float, s
+        Of the torque path.
+    apparent_damping_nm_s_rad : float, N m s/rad, motor shaft
+        Viscous friction around standstill.
 
     Raises
     ------

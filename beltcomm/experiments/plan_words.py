@@ -22,7 +22,13 @@ LINE = 104
 
 
 def point_rows(points: Sequence[Point]) -> list[Row]:
-    """The lines, labels in a column of their own; long ones are broken."""
+    """The lines, labels in a column of their own; long ones are broken.
+
+    Parameters
+    ----------
+    points : sequence of Point
+        Label and sentence.
+    """
     points = [(told(label), told(sentence)) for label, sentence in points]
     wide = max(len(label) for label, _ in points)
     rows = [Row("", ("", ""), (False, False), True)]
@@ -38,6 +44,10 @@ def commission_points(axis: Axis, capabilities: Capabilities, lightest_kg: float
 
     Parameters
     ----------
+    axis : Axis
+        As its file states it.
+    capabilities : Capabilities
+        Of the drive.
     lightest_kg : float
         Carriage of the plan's speeds.
     heaviest : tuple of float
@@ -66,6 +76,10 @@ def identify_points(axis: Axis, capabilities: Capabilities, window_m: tuple[floa
 
     Parameters
     ----------
+    axis : Axis
+        As its file states it.
+    capabilities : Capabilities
+        Of the drive.
     window_m : tuple of float or None
         To be kept, from where it stands.
     """
@@ -93,7 +107,15 @@ def identify_points(axis: Axis, capabilities: Capabilities, window_m: tuple[floa
 
 
 def host_loss(axis: Axis, capabilities: Capabilities) -> tuple[float, float]:
-    """Guard time, s, and how far a light carriage that just breaks away then coasts at most, m."""
+    """Guard time, s, and how far a light carriage that just breaks away then coasts at most, m.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    capabilities : Capabilities
+        Of the drive.
+    """
     top = (creep.HELD_SHARE if axis.mounting.tilted else creep.BREAKAWAY_SHARE) * min(axis.torque_limit_nm, capabilities.peak_torque_nm)
     guard_s = guard_times_s(capabilities)[0]
     return guard_s, creep.run_on_m(axis, top, guard_s + capabilities.sample_period_s)

@@ -165,7 +165,23 @@ def verify_move(
 def learn_gains(
     machine: Machine, model: Model, cascade: Cascade, delay_s: float, standard: StandardMove, payloads_kg: Sequence[float]
 ) -> None:
-    """A slow move with a led reference, which shows what the gains in the drive are; nothing where the run knows it."""
+    """A slow move with a led reference, which shows what the gains in the drive are; nothing where the run knows it.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        For which it is predicted.
+    cascade : Cascade
+        That was written into the drive.
+    delay_s : float, s
+        Of the torque path.
+    standard : StandardMove
+        The standard move.
+    payloads_kg : sequence of float, kg
+        Further ones that the design holds for.
+    """
     if led_gains_of(machine.folder) is not None:
         return
     slow = standard.at(LEARNING_SHARE, machine.drive.capabilities.sample_period_s)

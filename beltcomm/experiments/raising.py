@@ -39,7 +39,17 @@ MOST_STEPS = 5
 
 
 def unknown_axis(machine: Machine, breakaway: Breakaway, masses_kg: Sequence[float]) -> tuple[Model, Sequence[Model]]:
-    """The model of the data sheets where the carriage stands, and the family that it may be before anything is measured."""
+    """The model of the data sheets where the carriage stands, and the family that it may be before anything is measured.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    breakaway : Breakaway
+        With its Coulomb friction.
+    masses_kg : sequence of float, kg
+        Of the carriage.
+    """
     sheet = data_sheet_model(machine.axis, machine.place_m(machine.position_m), breakaway.coulomb_nm)
     factors = (1.0, 1.0) if machine.place_known else stiffness_range(machine.axis, machine.envelope().window_m)
     return sheet, unknown_payload(sheet, factors, masses_kg)
@@ -73,6 +83,10 @@ def raise_amplitude(
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
+    breakaway : Breakaway
+        With its Coulomb friction.
     masses_kg : sequence of float
         To count with.
     response : callable or None

@@ -22,7 +22,13 @@ BACK_M_S = 0.05
 
 
 def may_not_excite(machine: Machine) -> bool:
-    """True if stops have used up what the session goes on after: then no further open-loop record is begun."""
+    """True if stops have used up what the session goes on after: then no further open-loop record is begun.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    """
     return machine.wanderings >= MOST_STOPS
 
 
@@ -30,6 +36,13 @@ def stands_after(machine: Machine, problem: BeltcommError) -> bool:
     """True if a record was stopped because the carriage went too far, and it stands inside the travel now; such a stop is counted.
 
     Torque and speed beyond their limits would come again, and a key that was let go is a will: for those the answer is no.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    problem : BeltcommError
+        That ended the record.
     """
     if not isinstance(problem, SafetyStop) or problem.reason != "position":
         return False
@@ -42,7 +55,13 @@ def stands_after(machine: Machine, problem: BeltcommError) -> bool:
 
 
 def stands(machine: Machine) -> bool:
-    """True if the carriage stands still inside the travel."""
+    """True if the carriage stands still inside the travel.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    """
     low, high = machine.envelope().window_m
     at = machine.position_m
     for _ in range(LOOKS):
@@ -55,7 +74,17 @@ def stands(machine: Machine) -> bool:
 
 
 def lags_behind(machine: Machine, kind: str, problem: SafetyStop) -> bool:
-    """True if a path left behind or overshot a first loop, too weak for what its feedforward does not know yet; the axis stands then."""
+    """True if a path left behind or overshot a first loop, too weak for what its feedforward does not know yet; the axis stands then.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    kind : str
+        Of the step.
+    problem : SafetyStop
+        That ended it.
+    """
     return kind != "response" and problem.reason in ("lag", "position") and stands(machine)
 
 
@@ -66,8 +95,14 @@ def bring_back(machine: Machine, model: Model, step: Step, problem: SafetyStop) 
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
     model : Model
         Of the loop in the drive.
+    step : Step
+        That was stopped.
+    problem : SafetyStop
+        That stopped it.
     """
     if step.kind != "response" or not stands_after(machine, problem):
         return False

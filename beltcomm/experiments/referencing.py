@@ -77,7 +77,13 @@ def _believe(machine: Machine, settings: Settings, position_m: float) -> None:
 
 
 def home(machine: Machine) -> None:
-    """Let the drive find its zero, then creep off the end where it found it, so far that an excitation has room."""
+    """Let the drive find its zero, then creep off the end where it found it, so far that an excitation has room.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    """
     begun = machine.drive.clock.now()
     machine.drive.home(machine.drive_limits(machine.envelope()))
     machine.origin_rad = 0.0
@@ -111,7 +117,20 @@ def _stand_anywhere(machine: Machine, settings: Settings, needed: bool) -> tuple
 
 
 def require_inside(axis: Axis, position_m: float | None) -> None:
-    """Raise UsageError for a stated position outside the travel."""
+    """Refuse a stated position outside the travel.
+
+    Parameters
+    ----------
+    axis : Axis
+        As its file states it.
+    position_m : float or None, m
+        As the operator says; None is not checked.
+
+    Raises
+    ------
+    UsageError
+        With both.
+    """
     low, high = axis.travel.ends_m
     if position_m is not None and not low <= position_m <= high:
         raise UsageError(f"position {position_m:.4g} m is outside the travel {low:g}..{high:g} m of axis.yaml")

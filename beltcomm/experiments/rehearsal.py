@@ -160,6 +160,14 @@ def rehearse(machine: Machine, options: Options, talk: Talk, job: Job, goes_on: 
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
+    options : Options
+        Settings of the session.
+    talk : Talk
+        Hears progress and answers questions.
+    job : Job
+        As it will run on the drive.
     goes_on : bool
         The job needs what is in its run folder; else it begins a new one.
 

@@ -27,7 +27,20 @@ AS_LOUD = 0.9
 
 
 def check_breakaway(machine: Machine, coulomb_nm: float) -> None:
-    """Note the breakaway torque; in a resumed run raise Refused when it is grossly another one than at the beginning."""
+    """Note the breakaway torque; in a resumed run refuse one that is grossly another than at the beginning.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    coulomb_nm : float, N m, motor shaft
+        As measured now.
+
+    Raises
+    ------
+    Refused
+        With both.
+    """
     known = machine.folder.load_result("breakaway")
     if known is None:
         machine.folder.save("results", "breakaway", {"coulomb_nm": coulomb_nm})
@@ -39,6 +52,15 @@ def repeat_first_excitation(machine: Machine, breakaway: Breakaway, masses_kg: S
     """Repeat the first recorded excitation and compare how fast the motor turned, rms over the record.
 
     Nothing is kept; it is predicted, bounded and watched as every excitation of an axis of which only the data sheets are known.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    breakaway : Breakaway
+        With its Coulomb friction.
+    masses_kg : sequence of float, kg
+        Of the carriage, to count with.
 
     Raises
     ------

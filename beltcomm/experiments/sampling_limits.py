@@ -62,13 +62,29 @@ def hidden_resonance(axis: Axis, capabilities: Capabilities) -> str:
 
 
 def doubts_before(axis: Axis, capabilities: Capabilities) -> tuple[str, ...]:
-    """Doubts before anything is measured, sentences: a resonance that nothing shows, the unit of torque."""
+    """Doubts before anything is measured, sentences: a resonance that nothing shows, the unit of torque.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    capabilities : Capabilities
+        Of the drive.
+    """
     scale = f"{capabilities.torque_scale}." if capabilities.torque_scale else ""
     return tuple(doubt for doubt in (hidden_resonance(axis, capabilities), scale) if doubt)
 
 
 def notes_before(axis: Axis, capabilities: Capabilities) -> tuple[str, ...]:
-    """Lines under a plan: the exchange, what its records can claim, and what is in doubt."""
+    """Lines under a plan: the exchange, what its records can claim, and what is in doubt.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    capabilities : Capabilities
+        Of the drive.
+    """
     how = capabilities.exchange or f"A SYNC every {1e3 * capabilities.sample_period_s:g} ms"
     notes = [f"{how}: resonances up to {claimed_hz(capabilities.sample_period_s):.0f} Hz can be measured."]
     if capabilities.sample_period_s > SELDOM_S:
@@ -134,6 +150,14 @@ def note_after(remarks: list[str], model: Model, axis: Axis, capabilities: Capab
 
     Parameters
     ----------
+    remarks : list of str
+        Gets further ones.
+    model : Model
+        Of the axis.
+    axis : Axis
+        As its file states it.
+    capabilities : Capabilities
+        Of the drive.
     at_m : float
         Where the carriage is.
     """

@@ -45,7 +45,15 @@ def sign_words(axis: Axis, kinds: Collection[str] = ("torque",)) -> str:
 
 
 def sign_seconds(axis: Axis, kinds: Collection[str] = ("torque",)) -> float:
-    """Machine time of :func:`check_sign`, s."""
+    """Machine time of :func:`check_sign`, s.
+
+    Parameters
+    ----------
+    axis : Axis
+        With its tilt.
+    kinds : collection of str
+        Of setpoint that the drive takes.
+    """
     return _SECONDS if is_crept(axis, kinds) else 0.0
 
 

@@ -127,7 +127,13 @@ def judge(stop: ObservedStop, speed_m_s: float, meant_m_s2: float, ratio: float,
 
 
 def is_tried(capabilities: Capabilities) -> bool:
-    """True if such a stop could tell something that the drive does not."""
+    """True if such a stop could tell something that the drive does not.
+
+    Parameters
+    ----------
+    capabilities : Capabilities
+        Of the drive.
+    """
     return bool(capabilities.stop_unit) and stroking(capabilities) != "profile"
 
 
@@ -138,7 +144,17 @@ def ways_m(speed_m_s: float) -> tuple[float, float]:
 
 
 def line(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] | None = None) -> tuple[Experiment, ...]:
-    """The plan's line; empty where the drive tells its unit.   window_m : to be kept, from where it stands."""
+    """Line of the plan for slow stops; empty where the drive tells its unit.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    capabilities : Capabilities
+        Of the drive.
+    window_m : tuple of float or None, m
+        To be kept, from where the carriage stands; None for the whole travel.
+    """
     if not is_tried(capabilities):
         return ()
     widest = max(-window_m[0], window_m[1]) if window_m is not None else math.inf
@@ -173,6 +189,10 @@ def ensure(machine: Machine, model: Model, *, again: bool = False) -> None:
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        Of the axis.
     again : bool
         They are tried again with a later loop where they tell nothing with this one.
 
@@ -212,7 +232,15 @@ def ensure(machine: Machine, model: Model, *, again: bool = False) -> None:
 
 
 def tell_untold(machine: Machine, why: str) -> None:
-    """Tell why no stop has shown what the drive's decelerations count in, where the drive does not tell either."""
+    """Tell why no stop has shown what the drive's decelerations count in, where the drive does not tell either.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    why : str
+        Behind the colon of the sentence.
+    """
     if is_tried(machine.drive.capabilities):
         machine.remark(
             f"no stop has shown what the quick stop (6085h) counts in, and {machine.drive.capabilities.stop_unit}: {why}; compare it with "

@@ -287,7 +287,15 @@ def predicted(machine: Machine, model: Model, cascade: Cascade, delay_s: float, 
 
 
 def in_drive(machine: Machine, delay_s: float) -> Loop:
-    """Loop of a controller in this drive."""
+    """Loop of this drive, for the prediction of moves.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    delay_s : float, s
+        Of the torque path.
+    """
     capabilities = machine.drive.capabilities
     return Loop(capabilities.structure, delay_s, capabilities.peak_torque_nm, capabilities.counts_per_rev)
 

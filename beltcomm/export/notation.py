@@ -12,12 +12,26 @@ _WIDTH = 110
 
 
 def described(quantities: Iterable[NamedValue], values: Mapping[str, float] | None = None) -> dict[str, dict[str, object]]:
-    """Named values with unit and meaning, for YAML."""
+    """Named values with unit and meaning, for YAML.
+
+    Parameters
+    ----------
+    quantities : iterable of NamedValue
+        With unit and meaning.
+    values : mapping of str to float or None
+        By name; None leaves them out.
+    """
     return {q.name: {**({"value": values[q.name]} if values else {}), "unit": q.unit or "1", "meaning": q.meaning} for q in quantities}
 
 
 def equations(statements: Sequence[Statement]) -> list[dict[str, object]]:
-    """Words and the assignments that they stand for; a word without an equation of its own goes on with the one before."""
+    """Words and the assignments that they stand for; a word without an equation of its own goes on with the one before.
+
+    Parameters
+    ----------
+    statements : sequence of Statement
+        In their order.
+    """
     found: list[dict[str, object]] = []
     lines: list[str] = []
     for statement in statements:
@@ -42,7 +56,19 @@ def _together(lets: Sequence[Let]) -> str:
 
 
 def heading(controller: Controller, title: str, computed: Sequence[Statement], more: Sequence[str]) -> list[str]:
-    """Comment above the code: where it comes from, what it computes, what else to know."""
+    """Comment above the code: where it comes from, what it computes, what else to know.
+
+    Parameters
+    ----------
+    controller : Controller
+        With provenance and notes.
+    title : str
+        First line.
+    computed : sequence of Statement
+        Statements of one period.
+    more : sequence of str
+        Lines behind them.
+    """
     lines = [title, ""]
     lines += [f"{word + ':':10} {text}" for word, text in controller.provenance.items()]
     lines += [f"{'period:':10} {controller.values['period_s']!r} s: call it so often, neither more nor less", ""]
@@ -74,7 +100,17 @@ def number(value: float) -> str:
 
 
 def c_words(prefix: str, coefficients: Iterable[NamedValue], states: Iterable[NamedValue]) -> TargetLanguage:
-    """Notation of a C file whose names begin with ``prefix``; coefficients are kept in ``c``, states in ``s``."""
+    """Notation of a C file whose names begin with ``prefix``; coefficients are kept in ``c``, states in ``s``.
+
+    Parameters
+    ----------
+    prefix : str
+        Of the names in the C file.
+    coefficients : iterable of NamedValue
+        Kept in ``c``.
+    states : iterable of NamedValue
+        Kept in ``s``.
+    """
     kept = {**{q.name: f"c->{q.name}" for q in coefficients}, **{q.name: f"s->{q.name}" for q in states}}
     constant = f"{prefix.upper()}_C"
     return TargetLanguage(
@@ -88,7 +124,15 @@ def c_words(prefix: str, coefficients: Iterable[NamedValue], states: Iterable[Na
 
 
 def c_head(prefix: str, whole: bool = False) -> list[str]:
-    """Types and constants.   whole : with whole numbers and the sine."""
+    """Types and constants of a C file.
+
+    Parameters
+    ----------
+    prefix : str
+        Of the names in the C file.
+    whole : bool
+        True with whole numbers and the sine.
+    """
     one = f"{prefix}_real"
     lines = ["#include <math.h>", "#include <stdint.h>", ""] if whole else []
     lines += ["#ifndef BELTCOMM_REAL", "#define BELTCOMM_REAL double", "#endif", f"typedef BELTCOMM_REAL {one};"]
@@ -96,7 +140,15 @@ def c_head(prefix: str, whole: bool = False) -> list[str]:
 
 
 def c_functions(prefix: str, *names: str) -> list[str]:
-    """Those named of min, max and sin."""
+    """Those named of min, max and sin.
+
+    Parameters
+    ----------
+    prefix : str
+        Of the names in the C file.
+    *names : str
+        "min", "max" or "sin".
+    """
     one = f"{prefix}_real"
     found = {
         "min": f"static {one} {prefix}_min({one} a, {one} b) {{ return b < a ? b : a; }}",
@@ -107,17 +159,43 @@ def c_functions(prefix: str, *names: str) -> list[str]:
 
 
 def c_variable(prefix: str, q: NamedValue) -> str:
-    """A variable's type and name."""
+    """A variable's type and name.
+
+    Parameters
+    ----------
+    prefix : str
+        Of the names in the C file.
+    q : NamedValue
+        With its name.
+    """
     return f"{'int64_t' if q.whole else f'{prefix}_real'} {q.name}"
 
 
 def c_declared(prefix: str, quantities: Iterable[NamedValue]) -> list[str]:
-    """Variables with what they mean, one a line."""
+    """Variables with what they mean, one a line.
+
+    Parameters
+    ----------
+    prefix : str
+        Of the names in the C file.
+    quantities : iterable of NamedValue
+        With unit and meaning.
+    """
     return [f"    {c_variable(prefix, q)}; /* {for_comment(str(q))} */" for q in quantities]
 
 
 def c_design(prefix: str, coefficients: Sequence[NamedValue], values: Mapping[str, float]) -> list[str]:
-    """The coefficients' numbers."""
+    """The coefficients' numbers.
+
+    Parameters
+    ----------
+    prefix : str
+        Of the names in the C file.
+    coefficients : sequence of NamedValue
+        In their order.
+    values : mapping of str to float
+        By name.
+    """
 
     def line(q: NamedValue) -> str:
         text = str(int(values[q.name])) if q.whole else f"{prefix.upper()}_C({number(values[q.name])})"
@@ -127,7 +205,15 @@ def c_design(prefix: str, coefficients: Sequence[NamedValue], values: Mapping[st
 
 
 def signature(head: str, parameters: Sequence[str]) -> str:
-    """The head of a C function, on one line or one for each parameter."""
+    """The head of a C function, on one line or one for each parameter.
+
+    Parameters
+    ----------
+    head : str
+        Up to the parenthesis.
+    parameters : sequence of str
+        Each with its type.
+    """
     line = f"{head}({', '.join(parameters)})"
     return line if len(line) <= _WIDTH else f"{head}(\n    " + ",\n    ".join(parameters) + ")"
 
@@ -141,7 +227,15 @@ def _comment(text: str, opening: str, closing: str, pad: str) -> list[str]:
 
 
 def c_statements(statements: Sequence[Statement], words: TargetLanguage) -> list[str]:
-    """The body of a C function."""
+    """The body of a C function.
+
+    Parameters
+    ----------
+    statements : sequence of Statement
+        In their order.
+    words : TargetLanguage
+        Its notation.
+    """
 
     def assigned(let: Let) -> str:
         return f"{words.name(let.target)} = {expression(let.value, words)};"
@@ -168,7 +262,17 @@ ST_WORDS = TargetLanguage(lambda name: name, number, "AND", "MIN", "MAX", "=", "
 
 
 def declared(title: str, quantities: Iterable[NamedValue], values: Mapping[str, float] | None = None) -> list[str]:
-    """A section of variables in structured text."""
+    """A section of variables in structured text.
+
+    Parameters
+    ----------
+    title : str
+        First line of the section.
+    quantities : iterable of NamedValue
+        With unit and meaning.
+    values : mapping of str to float or None
+        By name, 0 where there is none; None for 0 everywhere.
+    """
 
     def line(q: NamedValue) -> str:
         value = (values or {}).get(q.name, 0.0)
@@ -179,7 +283,15 @@ def declared(title: str, quantities: Iterable[NamedValue], values: Mapping[str, 
 
 
 def st_statements(statements: Sequence[Statement], depth: int) -> list[str]:
-    """The body of a function block in structured text."""
+    """The body of a function block in structured text.
+
+    Parameters
+    ----------
+    statements : sequence of Statement
+        In their order.
+    depth : int
+        Of indentation.
+    """
     lines = []
     pad = "    " * depth
     for statement in statements:

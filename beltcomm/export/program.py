@@ -76,7 +76,13 @@ Statement = Let | Case
 
 
 def statements(text: str) -> tuple[Statement, ...]:
-    """Statements from their text in Python's form; a comment above one is its ``why``."""
+    """Statements from their text in Python's form; a comment above one is its ``why``.
+
+    Parameters
+    ----------
+    text : str
+        Assignments and cases.
+    """
     lines = [line.strip() for line in text.splitlines()]
 
     def said(node: ast.AST) -> str:
@@ -302,7 +308,20 @@ def controller_of(
 
 
 def expression(text: str, words: TargetLanguage) -> str:
-    """An expression in another language.   Raises ValueError for what the language of this module does not have."""
+    """An expression in another language.
+
+    Parameters
+    ----------
+    text : str
+        In Python's form.
+    words : TargetLanguage
+        Its notation.
+
+    Raises
+    ------
+    ValueError
+        For what the language of this module does not have.
+    """
     return _said(ast.parse(text, mode="eval").body, words)[0]
 
 
@@ -369,7 +388,13 @@ def _inside(node: ast.expr, words: TargetLanguage, least: int) -> str:
 
 
 def flat(statements: Sequence[Statement]) -> Iterator[Let]:
-    """All assignments, those inside cases too, in order."""
+    """All assignments, those inside cases too, in order.
+
+    Parameters
+    ----------
+    statements : sequence of Statement
+        In their order.
+    """
     for statement in statements:
         if isinstance(statement, Let):
             yield statement

@@ -383,10 +383,16 @@ def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS,
 
     Parameters
     ----------
+    data : Data
+        The records.
+    model : Model
+        Of the axis.
     offsets_m : ndarray
         Start offsets of the fitted segments, m.
     substeps : int
         Fine steps a sample, where nothing rattles and nothing creeps.
+    reversals : bool
+        As of :class:`Data`.
     """
     data = for_coupling(data, model) if is_coupled(model) else data
     pieces = (*data.fitted, *data.held_out)

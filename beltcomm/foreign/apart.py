@@ -49,7 +49,19 @@ _NAMES: Final[dict[Kind, str]] = {
 def read_apart(kind: Kind, path: Path, most: int = MEASURED_BYTES) -> Table:
     """The table in a file of at most ``most`` bytes.
 
-    Raises DataError for a file that is damaged, refused, or whose reader breaks down or does not end.
+    Parameters
+    ----------
+    kind : Kind
+        Of the file.
+    path : Path
+        Of the file.
+    most : int, bytes
+        That are read.
+
+    Raises
+    ------
+    DataError
+        For a file that is damaged, refused, or whose reader breaks down or does not end.
     """
     with opened(path, most) as file:
         size = os.fstat(file.fileno()).st_size
@@ -81,7 +93,13 @@ def read_apart(kind: Kind, path: Path, most: int = MEASURED_BYTES) -> Table:
 
 
 def instead_of(kind: Kind) -> str:
-    """Remedy for a file whose reader fails."""
+    """Remedy for a file whose reader fails.
+
+    Parameters
+    ----------
+    kind : Kind
+        Of the file.
+    """
     return "Name the signals by --signal instead" if kind == "dbc" else "Export it as CSV"
 
 

@@ -32,7 +32,19 @@ _DEEPEST = 12
 def table_of(path: Path, arrays: Mapping[str, Any], extra_notes: tuple[str, ...] = ()) -> Table:
     """One column per vector; a matrix gives one per row or column, whichever are fewer, named NAME1, NAME2, ...
 
-    Raises DataError when there is no vector of numbers.
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+    arrays : mapping of str to Any
+        Nested mappings of arrays.
+    extra_notes : tuple of str
+        Sentences of the reader.
+
+    Raises
+    ------
+    DataError
+        When there is no vector of numbers.
     """
     found = _Found(str(path))
     found.structure(arrays, "", 0)

@@ -181,7 +181,13 @@ def _torque_words(asked: str | None, before: bool, profile: Overheard) -> str:
 
 
 def readable(log: FrameLog) -> int:
-    """Frames with a position that the log explains before they come, of all nodes."""
+    """Frames with a position that the log explains before they come, of all nodes.
+
+    Parameters
+    ----------
+    log : FrameLog
+        Frames with their times, s.
+    """
     seen = objects_seen(log)
     found = (samples(log, seen, number, SIGNED).get(("sent", (_POSITION, 0))) for number in {item.node for item in seen})
     return sum(len(values.raw) for values in found if values is not None)

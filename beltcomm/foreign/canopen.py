@@ -88,7 +88,13 @@ class _Transfer:
 
 
 def objects_seen(log: FrameLog) -> list[Seen]:
-    """Every SDO transfer that was confirmed, expedited or in segments; aborted ones are none."""
+    """Every SDO transfer that was confirmed, expedited or in segments; aborted ones are none.
+
+    Parameters
+    ----------
+    log : FrameLog
+        Frames with their times, s.
+    """
     found: list[Seen] = []
     pending: dict[int, _Transfer] = {}
     base = log.identifier & ~0x7F
@@ -142,7 +148,15 @@ def _answered(pending: dict[int, _Transfer], node: int, data: bytes) -> _Transfe
 
 
 def pdos(seen: list[Seen], node: int) -> list[Pdo]:
-    """Every change of what the PDOs of a node carry.   A COB-ID that the log does not show is the one of CiA 301, 7.3.5."""
+    """Every change of what the PDOs of a node carry.   A COB-ID that the log does not show is the one of CiA 301, 7.3.5.
+
+    Parameters
+    ----------
+    seen : list of Seen
+        Transfers of the log.
+    node : int
+        Its number.
+    """
     state: dict[tuple[str, int], dict[str, int]] = {}
     entries: dict[tuple[str, int], dict[int, int]] = {}
     last: dict[tuple[str, int], Pdo] = {}
@@ -192,6 +206,12 @@ def samples(log: FrameLog, seen: list[Seen], node: int, signed: frozenset[int]) 
 
     Parameters
     ----------
+    log : FrameLog
+        Frames with their times, s.
+    seen : list of Seen
+        Transfers of the log.
+    node : int
+        Its number.
     signed : frozenset[int]
         Indices of objects that may be negative.
     """
@@ -234,6 +254,12 @@ def bits_of(words: NDArray[np.uint8], first: int, bits: int, signed: bool) -> In
     Parameters
     ----------
     words : ndarray (n, 8)
+    first : int
+        Bit, from 0.
+    bits : int
+        1 to 64.
+    signed : bool
+        True for two's complement.
     """
     whole = np.ascontiguousarray(words).view("<u8").ravel()
     shifted = (whole << np.uint64(64 - first - bits)) if first + bits < 64 else whole

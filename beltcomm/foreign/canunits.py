@@ -49,6 +49,12 @@ def units_of(seen: list[Seen], node: int, axis: Axis, frame: int) -> LogUnits:
 
     Parameters
     ----------
+    seen : list of Seen
+        Transfers of the log.
+    node : int
+        Its number.
+    axis : Axis
+        As its file states it.
     frame : int
         At which they hold, for a session may change them and put them back; what was seen only later counts as well.
     """
@@ -107,7 +113,15 @@ class Overheard:
 
 
 def profile_of(seen: list[Seen], node: int) -> Overheard:
-    """The shipped profile that fits the vendor, product and name in the log (1018h, 1008h); else the generic one."""
+    """The shipped profile that fits the vendor, product and name in the log (1018h, 1008h); else the generic one.
+
+    Parameters
+    ----------
+    seen : list of Seen
+        Transfers of the log.
+    node : int
+        Its number.
+    """
     values = {item.place: item.value for item in seen if item.node == node and item.place[0] in (0x1008, 0x1018)}
     name = values.get((0x1008, 0), b"").rstrip(b"\0").decode("ascii", "replace")
     numbers = {"vendor_id": values.get((0x1018, 1)), "product_code": values.get((0x1018, 2))}

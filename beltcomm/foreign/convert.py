@@ -111,6 +111,11 @@ class Reading:
 def reading_from_dict(data: Mapping[str, Any]) -> Reading:
     """The inverse of :meth:`Reading.to_dict`.
 
+    Parameters
+    ----------
+    data : mapping of str to Any
+        As a sidecar keeps it.
+
     Raises
     ------
     DataError
@@ -372,7 +377,15 @@ def _moved(columns: dict[str, Column]) -> dict[str, Column]:
 
 
 def alignment(reading: Reading, columns: Mapping[str, Column]) -> str:
-    """The sentence that says what is assumed of the torque's time."""
+    """The sentence that says what is assumed of the torque's time.
+
+    Parameters
+    ----------
+    reading : Reading
+        Mappings, and what is kept and cut.
+    columns : mapping of str to Column
+        Of the recording.
+    """
     name = next((name for name in _ACTING if name in columns), "torque")
     step = f"{1e3 * float(np.median(np.diff(columns['t_s']))):.4g} ms" if "t_s" in columns else "one row"
     before = reading.torque_acts == "before"
@@ -385,7 +398,17 @@ def alignment(reading: Reading, columns: Mapping[str, Column]) -> str:
 
 
 def line_of_table(name: str, column: Column, source: Source | None) -> dict[str, Any]:
-    """One line of the table that shows what was read: column, source, factor, extremes and rms, in the unit of the column."""
+    """One line of the table that shows what was read: column, source, factor, extremes and rms, in the unit of the column.
+
+    Parameters
+    ----------
+    name : str
+        Of the column.
+    column : Column (n,)
+        In its unit.
+    source : Source or None
+        Where it is from; None for the rate.
+    """
     line: dict[str, Any] = {
         "column": name,
         "from": source.theirs if source else "(rate)" if name == "t_s" else name,
@@ -402,6 +425,11 @@ def line_of_table(name: str, column: Column, source: Source | None) -> dict[str,
 
 def without_time(reading: Reading) -> Reading:
     """Convert a static map.
+
+    Parameters
+    ----------
+    reading : Reading
+        Mappings, and what is kept and cut.
 
     Raises
     ------

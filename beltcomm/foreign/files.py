@@ -141,6 +141,8 @@ def read_table(
 
     Parameters
     ----------
+    path : Path
+        Of the file.
     separator, decimal
         Of a text file; recognised when None.
     skip_lines : int

@@ -87,7 +87,18 @@ class Others:
 
 @contextmanager
 def opened_text(path: Path) -> Iterator[io.TextIOWrapper]:
-    """A text file to read from, a gzip file's unpacked, in UTF-8 or UTF-16.   Raises OSError, EOFError, zlib.error, DataError."""
+    """A text file to read from, a gzip file's unpacked, in UTF-8 or UTF-16.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+
+    Raises
+    ------
+    OSError, EOFError, zlib.error, DataError
+        When it cannot be read.
+    """
     with opened(path) as file:
         packed = file.read(2) == b"\x1f\x8b"
         file.seek(0)
@@ -167,7 +178,13 @@ def _is_a_table(lines: Sequence[str]) -> bool:
 
 
 def csv_columns(header: str) -> dict[str, Any] | None:
-    """Places of time, identifier, data and the rest in a header line of frames; None for any other header."""
+    """Places of time, identifier, data and the rest in a header line of frames; None for any other header.
+
+    Parameters
+    ----------
+    header : str
+        Line of names.
+    """
     mark = ";" if header.count(";") > header.count(",") else ","
     names = [cell.strip().strip('"').lower() for cell in header.split(mark)]
     found: dict[str, Any] = {"mark": mark, "names": names}
@@ -232,7 +249,15 @@ def plain_line(line: str) -> str:
 
 
 def lines_of(path: Path, others: Others) -> Iterator[tuple[int, str]]:
-    """Lines with their numbers, as long as they can be read and are no more than a log has."""
+    """Lines with their numbers, as long as they can be read and are no more than a log has.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+    others : Others
+        Counts lines that hold no frame.
+    """
     try:
         with opened_text(path) as file:
             total = 0
@@ -246,7 +271,15 @@ def lines_of(path: Path, others: Others) -> Iterator[tuple[int, str]]:
 
 
 def candump_frames(path: Path, others: Others) -> Iterator[LoggedFrame]:
-    """Frames of a log by candump."""
+    """Frames of a log by candump.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+    others : Others
+        Counts lines that hold no frame.
+    """
     for number, line in lines_of(path, others):
         frame = _matched(line.strip())
         if frame is not None:
@@ -257,7 +290,15 @@ def candump_frames(path: Path, others: Others) -> Iterator[LoggedFrame]:
 
 
 def asc_frames(path: Path, others: Others) -> Iterator[LoggedFrame]:
-    """Frames of a log by Vector's tools.   Stamps may be the times since the event before ("timestamps relative")."""
+    """Frames of a log by Vector's tools.   Stamps may be the times since the event before ("timestamps relative").
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+    others : Others
+        Counts lines that hold no frame.
+    """
     base, relative, now = 16, False, 0
     for number, line in lines_of(path, others):
         head = _ASC_BASE.match(line)

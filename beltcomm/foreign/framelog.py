@@ -117,6 +117,8 @@ def read_frames(path: Path, channel: str | None = None) -> FrameLog:
 
     Parameters
     ----------
+    path : Path
+        Of the file.
     channel : str or None
         The interface, such as can0; None takes the one with the most frames and says so.
 
@@ -259,7 +261,15 @@ def _by_python_can(path: Path, reader: str, others: Others) -> Iterator[LoggedFr
 
 
 def frames_apart(kind: Kind, path: Path) -> Table:
-    """All frames of a file that python-can reads, in the process for such readers; :func:`read_frames` makes frames of them again."""
+    """All frames of a file that python-can reads, in the process for such readers; :func:`read_frames` makes frames of them again.
+
+    Parameters
+    ----------
+    kind : Kind
+        Of the log.
+    path : Path
+        Of the file.
+    """
     others = Others()
     readers = {"blf": "BLFReader", "trc": "TRCReader"}
     frames = _Frames.of(path, _by_python_can(path, readers[kind], others) if kind in readers else sqlite_frames(path, others))

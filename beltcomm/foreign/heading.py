@@ -134,6 +134,10 @@ def heading_of(above: Sequence[TextLine], shape: RowShape, commented: tuple[str,
 
     Parameters
     ----------
+    above : sequence of TextLine
+        Lines above the first row.
+    shape : RowShape
+        Of the rows.
     commented : tuple of str
         Marks before a comment.
 

@@ -18,7 +18,18 @@ _FEWEST, _SHARE = 3, 0.5
 
 
 def read_json(path: Path) -> Table:
-    """The columns in a JSON file.   Raises DataError."""
+    """The columns in a JSON file.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+
+    Raises
+    ------
+    DataError
+        For a damaged one, or one without columns.
+    """
     with opened(path) as file:
         text = file.read()
     try:
@@ -35,7 +46,13 @@ def read_json(path: Path) -> Table:
 
 
 def as_columns(found: Any) -> dict[str, Any]:
-    """Content of a JSON text as nested mappings of arrays."""
+    """Content of a JSON text as nested mappings of arrays.
+
+    Parameters
+    ----------
+    found : Any
+        As JSON has it.
+    """
     made = _turned(found)
     return made if isinstance(made, dict) else {"": made}
 

@@ -26,7 +26,18 @@ _FEWEST_EACH, _MOST_SIGNALS = 5, 500
 
 
 def unstacked(table: Table) -> Table:
-    """The table with a column for each signal, where it is a long one; else as it is.   Raises DataError for stamps that are none."""
+    """The table with a column for each signal, where it is a long one; else as it is.
+
+    Parameters
+    ----------
+    table : Table
+        Columns as they were read.
+
+    Raises
+    ------
+    DataError
+        For stamps that are none.
+    """
     roles = _roles(table)
     if roles is None:
         return table

@@ -60,6 +60,8 @@ def sources_for(table: Table, written: Sequence[str], known: Collection[str]) ->
 
     Parameters
     ----------
+    table : Table
+        Columns as they were read.
     written : sequence of str
         One ``column=name*scale`` each.
     known : Collection[str]
@@ -85,7 +87,22 @@ def sources_for(table: Table, written: Sequence[str], known: Collection[str]) ->
 
 
 def parse_source(text: str, table: Table, known: Collection[str]) -> Source:
-    """One mapping, its name found in the table.   Raises UsageError."""
+    """One mapping, its name found in the table.
+
+    Parameters
+    ----------
+    text : str
+        ``OURS=THEIRS*SCALE``.
+    table : Table
+        Columns as they were read.
+    known : collection of str
+        Columns of ours.
+
+    Raises
+    ------
+    UsageError
+        For one that is none.
+    """
     column, equals, expression = (part.strip() for part in text.partition("="))
     if not equals or not expression:
         raise UsageError(f"--map {text} is no mapping; write OURS=THEIRS*SCALE, such as torque_nm=Iq*0.65")
@@ -245,8 +262,14 @@ def kept_columns(table: Table, names: Sequence[str], sources: Mapping[str, Sourc
 
     Parameters
     ----------
+    table : Table
+        Columns as they were read.
     names : sequence of str
         As the user wrote them, or "all".
+    sources : mapping of str to Source
+        By column of ours.
+    known : collection of str
+        Columns of ours.
 
     Raises
     ------

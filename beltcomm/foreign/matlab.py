@@ -37,7 +37,15 @@ _MOST_MEMBERS = 100_000
 def read_matlab(path: Path) -> dict[str, Any]:
     """Variables by name, structures as mappings, cells and structure arrays as lists, char as text.
 
-    Raises DataError for a file that is damaged or none.
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+
+    Raises
+    ------
+    DataError
+        For a file that is damaged or none.
     """
     from scipy.io import loadmat
 
@@ -75,7 +83,18 @@ def _is_hdf5(head: bytes) -> bool:
 
 
 def read_hdf5(path: Path) -> dict[str, Any]:
-    """All columns of an HDF5 file, of MATLAB 7.3 or of another program.  Raises DataError."""
+    """All columns of an HDF5 file, of MATLAB 7.3 or of another program.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+
+    Raises
+    ------
+    DataError
+        For a file that is damaged or none.
+    """
     import h5py
 
     try:

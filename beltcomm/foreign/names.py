@@ -134,7 +134,15 @@ class Meaning:
 
 
 def meaning_of(table: Table, name: str) -> Meaning | None:
-    """Meaning of a table's column by its name and unit; None when neither says anything, or that it is something else."""
+    """Meaning of a table's column by its name and unit; None when neither says anything, or that it is something else.
+
+    Parameters
+    ----------
+    table : Table
+        Columns as they were read.
+    name : str
+        Of the column.
+    """
     stated = plain_unit(table.unit(name))
     number = re.fullmatch(r"(?:0x)?(60[0-9A-F]{2})(?:h|_?h?:0|_0)?", Table.bare(name).strip(), re.I)
     if number and number[1].upper() in _OBJECTS:
@@ -166,7 +174,13 @@ def meaning_of(table: Table, name: str) -> Meaning | None:
 
 
 def plain_unit(text: str) -> str:
-    """A unit as :data:`beltcomm.quantities.UNITS` spells it, or as it stands, in small letters without blanks."""
+    """A unit as :data:`beltcomm.quantities.UNITS` spells it, or as it stands, in small letters without blanks.
+
+    Parameters
+    ----------
+    text : str
+        As the file has it.
+    """
     plain = re.sub(r"[\s·]", "", text).replace("²", "2").replace("µ", "u").replace("μ", "u").replace("⁻¹", "-1").lower()
     plain = plain.strip("[]()")
     plain = _SPELLED.get(plain, plain)
@@ -238,7 +252,26 @@ _SMALLEST_SHARE, _LARGEST_SHARE = 0.01, 1.1
 
 
 def by_unit(table: Table, column: str, meaning: Meaning, axis: Axis, ratio: float | None) -> tuple[tuple[str, ...], Confidence, str]:
-    """Mappings of one foreign column to ours, by its unit."""
+    """Mappings of one foreign column to ours, by its unit.
+
+    Parameters
+    ----------
+    table : Table
+        Columns as they were read.
+    column : str
+        Of ours.
+    meaning : Meaning
+        Of theirs.
+    axis : Axis
+        Data sheets.
+    ratio : float or None, m/rad
+        Of the transmission; None where it is not known.
+
+    Returns
+    -------
+    tuple of tuple of str, Confidence and str
+        Mappings, how sure they are, and why.
+    """
     name, suffix = meaning.name, meaning.suffix
     own = column.removeprefix("reference_").split("_", 1)[1].removeprefix("setpoint_")
     if suffix == own and meaning.by_name:
@@ -269,7 +302,26 @@ def by_unit(table: Table, column: str, meaning: Meaning, axis: Axis, ratio: floa
 
 
 def without_unit(table: Table, column: str, meaning: Meaning, axis: Axis, own: str) -> tuple[tuple[str, ...], Confidence, str]:
-    """Units that the numbers allow, for a column that states none."""
+    """Units that the numbers allow, for a column that states none.
+
+    Parameters
+    ----------
+    table : Table
+        Columns as they were read.
+    column : str
+        Of ours.
+    meaning : Meaning
+        Of theirs.
+    axis : Axis
+        Data sheets.
+    own : str
+        Unit of our column, as its suffix has it.
+
+    Returns
+    -------
+    tuple of tuple of str, Confidence and str
+        Mappings, how sure they are, and why.
+    """
     values = table.columns[meaning.name]
     known = values[np.isfinite(values)]
     largest = float(np.abs(known).max()) if len(known) else 0.0
@@ -302,11 +354,27 @@ def _possible(largest: float, peak: float) -> bool:
 
 
 def spelled(column: str, name: str, unit: str) -> str:
-    """A mapping as a user writes it."""
+    """A mapping as a user writes it.
+
+    Parameters
+    ----------
+    column : str
+        Of ours.
+    name : str
+        Of theirs.
+    unit : str
+        "" for none.
+    """
     return f"{column}={quoted(name)}{f'*{unit}' if unit else ''}"
 
 
 def quoted(name: str) -> str:
-    """A foreign name as it stands in a mapping."""
+    """A foreign name as it stands in a mapping.
+
+    Parameters
+    ----------
+    name : str
+        Of theirs.
+    """
     bare = Table.bare(name)
     return f'"{name}"' if bare != name or not name.replace("_", "").isalnum() else name

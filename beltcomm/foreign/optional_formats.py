@@ -22,9 +22,17 @@ _PACKED = 1032
 
 
 def read_mdf(path: Path) -> Table:
-    """All channels in physical units; two channels of one name get the number of their group.
+    """All channels of an MDF file in physical units; two channels of one name get the number of their group.
 
-    Raises DataError for a file that is damaged or holds no channel of numbers.
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+
+    Raises
+    ------
+    DataError
+        For a file that is damaged or holds no channel of numbers.
     """
     from asammdf import MDF
 
@@ -76,7 +84,18 @@ def _mdf_channels(path: Path, file: Any) -> Table:
 
 
 def read_tdms(path: Path) -> Table:
-    """All channels of numbers and dates.   Raises DataError for a file that is damaged or holds none."""
+    """All channels of numbers and dates of a TDMS file.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+
+    Raises
+    ------
+    DataError
+        For a file that is damaged or holds none.
+    """
     from nptdms import TdmsFile
 
     with damage_as_data_error(path, "a TDMS file"), opened(path) as file:
@@ -130,7 +149,18 @@ _FEWEST = 3
 
 
 def read_mcap(path: Path) -> Table:
-    """Numbers in the JSON messages of all topics.   Raises DataError for a file that is damaged, or holds messages of another kind."""
+    """Numbers in the JSON messages of all topics of an MCAP file.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+
+    Raises
+    ------
+    DataError
+        For a file that is damaged, or holds messages of another kind.
+    """
     from mcap.reader import make_reader
 
     messages: dict[str, list[dict[str, Any]]] = {}

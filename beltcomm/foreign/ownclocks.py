@@ -25,7 +25,15 @@ _TICKS = (1.0, 1e-3, 1e-6, 1e-7, 1e-9)
 
 
 def with_own_clocks(table: Table, heading: Heading) -> Table:
-    """The table, each column with the time that belongs to it, where that is not one for all."""
+    """The table, each column with the time that belongs to it, where that is not one for all.
+
+    Parameters
+    ----------
+    table : Table
+        Columns as they were read.
+    heading : Heading
+        Names and units of the columns.
+    """
     return _without_doubles(_with_clocks(table, heading))
 
 

@@ -33,7 +33,19 @@ _CONTINUOUS = _POSITIONS | {channels["velocity"] for channels in CHANNELS.values
 def on_one_raster(table: Table, sources: Mapping[str, Source], kept: Mapping[str, str]) -> tuple[Table, dict[str, Source], tuple[str, ...]]:
     """The table with all mapped columns on one raster, the sources with its time, and sentences on what was done.
 
-    Raises DataError for time stamps that do not rise, or signals that were not recorded at the same time.
+    Parameters
+    ----------
+    table : Table
+        Columns as they were read.
+    sources : mapping of str to Source
+        By column of ours.
+    kept : mapping of str to str
+        Further columns, by their names here.
+
+    Raises
+    ------
+    DataError
+        For time stamps that do not rise, or signals that were not recorded at the same time.
     """
     names = {column: source.theirs for column, source in sources.items() if column != "t_s"}
     names |= {f"kept {name}": theirs for name, theirs in kept.items()}
@@ -138,8 +150,24 @@ def _means(own: Array, values: Array, stamps: Array) -> Array:
 
 
 def resampled(file: str, columns: Mapping[str, Any], period_s: float) -> tuple[dict[str, Any], str]:
-    """All columns at even stamps, and a sentence: torque as its mean over each step, which is what acts there, position and speed on a
-    smooth curve through theirs, all else as it was last.   Raises UsageError for steps shorter than the file's own.
+    """All columns at even stamps, and a sentence on it.
+
+    Torque is its mean over each step, which is what acts there, position and speed lie on a smooth curve through theirs, all else is as it
+    was last.
+
+    Parameters
+    ----------
+    file : str
+        Name, for the sentence.
+    columns : mapping of str to Any
+        By name, with ``t_s``.
+    period_s : float, s
+        Between the stamps.
+
+    Raises
+    ------
+    UsageError
+        For steps shorter than the file's own.
     """
     own = columns["t_s"]
     usual = float(np.median(np.diff(own)))

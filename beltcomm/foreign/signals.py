@@ -103,7 +103,17 @@ def by_hand(text: str) -> Signal:
 def of_dbc(path: Path) -> list[Signal]:
     """All signals of a DBC file that are in every frame of their message (multiplexed ones are left out).
 
-    Raises UsageError when the file is not there or cantools is not installed, DataError when it cannot be read.
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+
+    Raises
+    ------
+    UsageError
+        When the file is not there or cantools is not installed.
+    DataError
+        When it cannot be read.
     """
     if not path.is_file():
         raise UsageError(f"{path} does not exist; give the DBC file of the bus")
@@ -116,7 +126,15 @@ def of_dbc(path: Path) -> list[Signal]:
 def dbc_apart(path: Path) -> Table:
     """The signals of :func:`of_dbc` as a note: on damaged text cantools reads for hours, so it does so in a process of its own.
 
-    Raises DataError.
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+
+    Raises
+    ------
+    DataError
+        When it cannot be read.
     """
     import cantools
 

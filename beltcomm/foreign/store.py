@@ -73,7 +73,30 @@ class Imported:
 
 
 def imported(path: Path, name: str, reading: Reading, sidecar: Sidecar, axis: Axis, part: Part) -> Imported:
-    """One part of a foreign file as a recording, checked against the axis; nothing is written.   Raises UsageError, DataError."""
+    """One part of a foreign file as a recording, checked against the axis; nothing is written.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+    name : str
+        Of the recording.
+    reading : Reading
+        Mappings, and what is kept and cut.
+    sidecar : Sidecar
+        Of the recording.
+    axis : Axis
+        Data sheets.
+    part : Part
+        Of the file.
+
+    Raises
+    ------
+    UsageError
+        For a mapping that does not fit.
+    DataError
+        For values that cannot be used.
+    """
     static = sidecar.experiment == "static_map"
     reading = without_time(reading) if static else reading
     # in a log of frames the torque stands where it acts already
@@ -127,6 +150,8 @@ def open_or_plan(run: Path, axis: Axis | None) -> tuple[RunFolder | None, Axis]:
 
     Parameters
     ----------
+    run : Path
+        Of the run folder.
     axis : Axis or None
         What the user gave; None takes that of an existing run, and for a new one nothing but a name is known then.
 
@@ -149,8 +174,24 @@ def open_or_plan(run: Path, axis: Axis | None) -> tuple[RunFolder | None, Axis]:
 
 
 def check_together(folder: RunFolder | None, found: Sequence[Imported], axis: Axis) -> None:
-    """Raise DataError for a name that is taken, two axes in one run or the same rows twice, UsageError for two files of one name or one
-    that is none."""
+    """Refuse imports that do not go together, or not with what is in the run.
+
+    Parameters
+    ----------
+    folder : RunFolder or None
+        None where the run is made.
+    found : sequence of Imported
+        Imports of one command.
+    axis : Axis
+        Data sheets.
+
+    Raises
+    ------
+    DataError
+        For a name that is taken, two axes in one run or the same rows twice.
+    UsageError
+        For two files of one name or one that is none.
+    """
     names = [item.recording.name for item in found]
     for name in names:
         checked_name(name)
@@ -171,7 +212,15 @@ def check_together(folder: RunFolder | None, found: Sequence[Imported], axis: Ax
 
 
 def stands(folder: RunFolder, item: Imported) -> bool:
-    """True for an import that is in the run already, row for row: the same command after one that was cut off goes on behind it."""
+    """True for an import that is in the run already, row for row: the same command after one that was cut off goes on behind it.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    item : Imported
+        That would be written.
+    """
     path = folder.recordings_folder / f"{item.recording.name}.csv"
     if not path.is_file():
         return False
@@ -184,7 +233,24 @@ def stands(folder: RunFolder, item: Imported) -> bool:
 
 
 def write(run: Path, folder: RunFolder | None, axis: Axis, found: Sequence[Imported]) -> RunFolder:
-    """Write what was imported: originals first, each recording whole.   Raises UsageError when the folder cannot be written."""
+    """Write what was imported: originals first, each recording whole.
+
+    Parameters
+    ----------
+    run : Path
+        Of the run folder.
+    folder : RunFolder or None
+        None makes it.
+    axis : Axis
+        As its file states it.
+    found : sequence of Imported
+        Checked imports.
+
+    Raises
+    ------
+    UsageError
+        When the folder cannot be written.
+    """
     folder = folder or RunFolder.create(run, axis)
     for item in found:
         extra = dict(item.recording.sidecar.extra)
@@ -243,7 +309,15 @@ def recording_name(path: Path) -> str:
 def repeated(folder: RunFolder) -> dict[str, str]:
     """Every import of a run again from its original: recording -> "" when nothing differs, else what does.
 
-    Raises DataError when the run holds no imported recording.
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+
+    Raises
+    ------
+    DataError
+        When the run holds no imported recording.
     """
     outcome: dict[str, str] = {}
     read: dict[str, list[Part]] = {}

@@ -88,13 +88,32 @@ def _unit_in(name: str) -> re.Match[str] | None:
 
 
 def words_of(error: BaseException) -> str:
-    """The first line of what a library said."""
+    """The first line of what a library said.
+
+    Parameters
+    ----------
+    error : BaseException
+        Of a library.
+    """
     return (str(error).splitlines() or [type(error).__name__])[0][:100]
 
 
 @contextmanager
 def damage_as_data_error(path: Path, what: str) -> Iterator[None]:
-    """A DataError in place of any error that a reader meets in damaged bytes; ``what`` the file should be."""
+    """A DataError in place of any error that a reader meets in damaged bytes.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+    what : str
+        Kind of file that it should be, in words.
+
+    Raises
+    ------
+    DataError
+        Where the reader fails.
+    """
     try:
         yield
     except (DataError, MemoryError):

@@ -49,7 +49,26 @@ _FEWEST_SHORT = 3
 def read_text_table(
     path: Path, separator: Separator | None, decimal: Decimal | None, skip_lines: int, torn_rows: bool, part: RowSpan = EVERY
 ) -> Table:
-    """As :func:`beltcomm.foreign.files.read_table`, for text; read twice, piece by piece: no more is kept in memory than its numbers."""
+    """As :func:`beltcomm.foreign.files.read_table`, for text; read twice, piece by piece: no more is kept in memory than its numbers.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+    separator, decimal : Separator or None
+        None recognises it.
+    skip_lines : int
+        At the beginning.
+    torn_rows : bool
+        True if rows of another length are left out.
+    part : RowSpan
+        Rows that are kept.
+
+    Raises
+    ------
+    DataError
+        For a file that is no table of numbers.
+    """
     look = _looked_at(path, skip_lines)
     content = [line for line in look.sample if not line.text.lstrip().startswith(_COMMENT)]
     if not content:

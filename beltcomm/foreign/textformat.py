@@ -45,7 +45,13 @@ _MOST_QUOTES = 1000
 
 
 def wide_encoding(begin: bytes) -> str:
-    """The encoding of a text with two bytes a letter, by its mark or by the zeros of Latin letters; "" for another one."""
+    """The encoding of a text with two bytes a letter, by its mark or by the zeros of Latin letters; "" for another one.
+
+    Parameters
+    ----------
+    begin : bytes
+        First bytes of the file.
+    """
     if begin[:2] in {b"\xff\xfe", b"\xfe\xff"}:
         return "utf-16"
     for name, first in (("utf-16-le", 0), ("utf-16-be", 1)):
@@ -56,7 +62,13 @@ def wide_encoding(begin: bytes) -> str:
 
 
 def plain_numbers(text: str) -> str:
-    """A text with its numbers as programs write them: thousands not parted by marks that nothing else has, a minus that is one."""
+    """A text with its numbers as programs write them: thousands not parted by marks that nothing else has, a minus that is one.
+
+    Parameters
+    ----------
+    text : str
+        Of a file.
+    """
     if any(mark in text for mark in _MARKS):  # a table without them is looked through for nothing, which takes as long as to read it
         text = _PARTS.sub("", text)
     return text.replace(_MINUS, "-")
@@ -139,7 +151,24 @@ def _number(text: str, decimal_comma: bool, grouped: bool = False) -> float | No
 def recognised(
     path: Path, content: Sequence[TextLine], begin: Sequence[TextLine], separator: Separator | None, decimal: Decimal | None
 ) -> Format:
-    """The format under which the most of the file's cells are numbers, in rows of one length.   begin : its first lines, all of them."""
+    """The format under which the most of the file's cells are numbers, in rows of one length.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+    content : sequence of TextLine
+        Lines without comments.
+    begin : sequence of TextLine
+        The file's first lines, all of them.
+    separator, decimal : Separator or None
+        None recognises it.
+
+    Raises
+    ------
+    DataError
+        For a file that is no table of numbers.
+    """
     _check_standing(path, content)
     body = content[len(content) // 4 :]  # a preamble stands at the beginning
     sample = [body[i].text for i in np.unique(np.linspace(0, len(body) - 1, _SAMPLED_LINES).astype(int))]

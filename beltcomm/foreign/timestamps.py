@@ -30,8 +30,21 @@ _BITS = (16, 24, 32)
 
 
 def seconds_of(file: str, name: str, stamps: Column) -> tuple[Column, tuple[str, ...]]:
-    """Seconds since the first row of stamps such as ``2024-05-03 14:02:11.204``, ``03.05.2024 14:02:11,204``, ``5/3/2024 2:02:11.204 PM``
-    or ``14:02:11.204``, and sentences on what was taken for granted.   Raises DataError for text that is none.
+    """Seconds since the first row of stamps in words, and sentences on what was taken for granted.
+
+    Such as ``2024-05-03 14:02:11.204``, ``03.05.2024 14:02:11,204``, ``5/3/2024 2:02:11.204 PM`` or ``14:02:11.204``.
+
+    Parameters
+    ----------
+    file, name : str
+        Of file and column, for the sentence.
+    stamps : Column (n,)
+        Text.
+
+    Raises
+    ------
+    DataError
+        For text that is none.
     """
     found = [_STAMP.fullmatch(str(stamp).strip().strip("'\"()")) for stamp in stamps]
     bad = next((k for k, match in enumerate(found) if match is None or match[4] is None), None)
@@ -99,7 +112,13 @@ def _day(text: tuple[str, str, str], places: tuple[int, int, int]) -> int:
 
 
 def rough_stamps(t_s: Column) -> str:
-    """A sentence on stamps that were kept as single-precision numbers, when that is coarse beside their steps; "" else."""
+    """A sentence on stamps that were kept as single-precision numbers, when that is coarse beside their steps; "" else.
+
+    Parameters
+    ----------
+    t_s : Column (n,), s
+        As they were read.
+    """
     if len(t_s) < 3 or not np.array_equal(t_s, t_s.astype(np.float32).astype(np.float64)):
         return ""
     resolution, step = float(np.spacing(np.float32(np.abs(t_s).max()))), float(np.median(np.diff(t_s)))
@@ -113,7 +132,13 @@ def rough_stamps(t_s: Column) -> str:
 
 
 def joined_counter(values: Column) -> tuple[Column, str]:
-    """Whole stamps with a counter that began anew joined, and a sentence on it; as they are, and "", where there is none."""
+    """Whole stamps with a counter that began anew joined, and a sentence on it; as they are, and "", where there is none.
+
+    Parameters
+    ----------
+    values : Column (n,)
+        Stamps in ticks.
+    """
     whole = len(values) > 2 and np.isfinite(values).all() and np.array_equal(values, np.round(values)) and values.min() >= 0.0
     steps = np.diff(values.astype(np.float64)) if whole else np.zeros(0)
     back = np.flatnonzero(steps < 0.0)
@@ -131,6 +156,10 @@ def checked_time(file: str, t_s: Column, rows: NDArray[np.intp]) -> None:
 
     Parameters
     ----------
+    file : str
+        Name, for the sentence.
+    t_s : Column (n,), s
+        As it was read.
     rows : ndarray
         Numbers from 0.
     """

@@ -37,7 +37,24 @@ LIKE_ONE_ROW = 0.2
 def search_of(folder: RunFolder, talk: Talk, most: int = MOST_EFFECTS) -> tuple[Checked, Diagnosis, list[str]]:
     """The records of a run, what is missing in its present model, at most so many effects, and what these records cannot bear.
 
-    Raises DataError for records that nothing can be said of.
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    talk : Talk
+        Hears progress and answers questions.
+    most : int
+        Effects that are named.
+
+    Returns
+    -------
+    tuple of Checked, Diagnosis and list of str
+        Records, diagnosis, and sentences.
+
+    Raises
+    ------
+    DataError
+        For records that nothing can be said of.
     """
     ahead.begin(last_compiled())
     foretell(folder, talk)

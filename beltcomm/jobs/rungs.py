@@ -20,7 +20,21 @@ from beltcomm.sentences.diagnosis_data import Plain
 
 
 def base_revision(folder: RunFolder, data: Data, fitted: Fitted, command: str, when: str) -> Revision:
-    """The first rung."""
+    """The first revision of a run: its base model.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    data : Data
+        Records of the fit.
+    fitted : Fitted
+        Model, fitted to the records.
+    command : str
+        Command line, kept as provenance.
+    when : str
+        Date and time, kept as provenance.
+    """
     plain, model = of_run(data, fitted), with_intervals(fitted)
     held = fitted.held_out_ratio
     rung = new_revision(folder, model, "base", ratio=fitted.ratio, held_out=held, confirmed=None, command=command, when=when, plain=plain)
@@ -35,8 +49,16 @@ def revision_of(folder: RunFolder, new: tuple[Data, Fitted], old: tuple[Data, Fi
 
     Parameters
     ----------
+    folder : RunFolder
+        The run folder.
     new, old : tuple[Data, Fitted]
         Models, each with the records as it sees them.
+    change : str
+        As of :func:`change_of`.
+    command : str
+        Command line, kept as provenance.
+    when : str
+        Date and time, kept as provenance.
     """
     (data, after), (seen, before) = new, in_groups_of(*old, new[0])
     fell = None if change.startswith("-") else is_confirmed(seen, before, after, data)  # who takes one out has decided
@@ -62,7 +84,13 @@ def revision_of(folder: RunFolder, new: tuple[Data, Fitted], old: tuple[Data, Fi
 
 
 def plain_of(found: Diagnosis) -> tuple[Plain, Plain]:
-    """Errors of the first and of the last model of a search in plain units, in the band of both."""
+    """Errors of the first and of the last model of a search in plain units, in the band of both.
+
+    Parameters
+    ----------
+    found : Diagnosis
+        The diagnosis.
+    """
     band = shared_band((found.published_base[0], found.base.model), (found.data, found.final_fit.model))
     before = of_run(*found.published_base, band)
     return before, before if found.final_fit is found.base else of_run(found.data, found.final_fit, band)
@@ -74,7 +102,15 @@ def less(after: PlainError | None, trusted: PlainError | None) -> bool:
 
 
 def change_of(new: Sequence[str], removed: Sequence[str] = ()) -> str:
-    """Changes of a revision: effects with + and -, ``with its form`` or ``form of EFFECT`` where one became free."""
+    """Changes of a revision: effects with + and -, ``with its form`` or ``form of EFFECT`` where one became free.
+
+    Parameters
+    ----------
+    new : sequence of str
+        Effects, and forms as ``EFFECT.FORM``.
+    removed : sequence of str
+        Effects.
+    """
     effects = [f"+{name}" for name in new if "." not in name and name not in removed]
     effects += [f"-{name}" for name in removed if name not in new]
     owners = dict.fromkeys(name.split(".")[0] for name in new if "." in name)

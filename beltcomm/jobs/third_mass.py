@@ -41,8 +41,12 @@ def fit_three_masses(run: Path, *, command: str = "", when: str = "", talk: Talk
 
     Parameters
     ----------
+    run : Path
+        Of the run folder.
     command, when : str
         Noted with the revision.
+    talk : Talk or None
+        Hears progress; None says nothing.
 
     Raises
     ------

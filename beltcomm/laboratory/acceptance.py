@@ -59,14 +59,36 @@ STEP = 1e-4
 
 
 def explained_share(drop: float, base: Fitted) -> float:
-    """Share of what lies above the noise."""
+    """Share of the objective above the noise that a fall explains.
+
+    Parameters
+    ----------
+    drop : float
+        Fall of the objective.
+    base : Fitted
+        Fitted without the effect.
+    """
     above = base.objective - FLOOR * base.problem.samples
     squares = 1.0 - math.exp(-max(drop, 0.0) / base.problem.samples)
     return max(drop / above if above > 0.0 else 0.0, squares)
 
 
 def enough(evidence: float, explained: float, drop: float, held_out_gain: float, base: Fitted) -> bool:
-    """True if an effect may be named."""
+    """True if an effect may be named.
+
+    Parameters
+    ----------
+    evidence : float
+        Fall of the objective less its penalty.
+    explained : float
+        As of :func:`explained_share`.
+    drop : float
+        Fall of the objective.
+    held_out_gain : float
+        That of the records held out.
+    base : Fitted
+        Fitted without the effect.
+    """
     if evidence <= EVIDENCE or is_refuted(evidence, held_out_gain):
         return False
     held = sum(len(r) for r in base.held_out_residuals)
@@ -78,6 +100,13 @@ def share_left(before: Fitted, after: Fitted) -> float:
     """Share of the squares above the noise that is left, of the fitted records; of those held out where less than half is left there.
 
     O forgives bad places, which may fall while the error as a whole stays or grows.
+
+    Parameters
+    ----------
+    before : Fitted
+        Without the effect.
+    after : Fitted
+        With it.
     """
     held = (
         _mean_left(before.held_out_ratio, after.held_out_ratio)
@@ -96,6 +125,12 @@ def lowers(data: Data, before: Fitted, after: Fitted, ahead: Data | None = None)
 
     Parameters
     ----------
+    data : Data
+        The records.
+    before : Fitted
+        Without the change.
+    after : Fitted
+        With it.
     ahead : Data or None
         Records as the model after sees them, where the one before sees ``data``.
     """
@@ -151,6 +186,11 @@ def impossible(model: Model) -> list[str]:
     """Inertias of the base and stiffness of the belt that shrank or grew to a bound: no axis is like that, whatever it explains.
 
     One that is held has no room.
+
+    Parameters
+    ----------
+    model : Model
+        That was fitted.
     """
     solid = [inertia for inertia, body in model.bodies() if body.name in model.base_bodies]
     limits = {name: model.parameters[name] for name in (*solid, STIFFNESS) if name in model.parameters}
@@ -158,7 +198,15 @@ def impossible(model: Model) -> list[str]:
 
 
 def exceeds_bounds(model: Model, effect: Effect) -> bool:
-    """True if what scales an effect, its first fitted parameter, grew until it met its bound: no size of the effect is right."""
+    """True if what scales an effect, its first fitted parameter, grew until it met its bound: no size of the effect is right.
+
+    Parameters
+    ----------
+    model : Model
+        Fitted with the effect.
+    effect : Effect
+        The effect.
+    """
     scale = next((f"{effect.name}.{p.name}" for p in effect.parameters if p.fitted), "")
     if scale not in model.parameters:
         return False
@@ -170,14 +218,34 @@ def exceeds_bounds(model: Model, effect: Effect) -> bool:
 
 
 def only_cancels(model: Model, effect: Effect) -> bool:
-    """True if an effect is a delay that another one takes back: what both leave of the torque's phase stands for something else."""
+    """True if an effect is a delay that another one takes back: what both leave of the torque's phase stands for something else.
+
+    Parameters
+    ----------
+    model : Model
+        Fitted with the effect.
+    effect : Effect
+        The effect.
+    """
     own = model.get(f"{effect.name}.time") if effect.name in DELAYS else 0.0
     others = sum(model.get(f"{name}.time") for name in DELAYS if name != effect.name)
     return own * others < 0.0 and abs(own + others) < CANCELLED * min(abs(own), abs(others))
 
 
 def is_left_by_path(data: Data, before: Fitted, after: Fitted, effect: Effect) -> bool:
-    """True if an effect is a delay no larger than what a fitted torque path leaves, where the reading is not the torque that acts."""
+    """True if an effect is a delay no larger than what a fitted torque path leaves, where the reading is not the torque that acts.
+
+    Parameters
+    ----------
+    data : Data
+        The records.
+    before : Fitted
+        Without the effect.
+    after : Fitted
+        With it.
+    effect : Effect
+        The effect.
+    """
     told = effect.name in DELAYS and not data.path.read_as_acts
     return told and before.ratio**2 - after.ratio**2 < PATH_LEFT * before.ratio**2
 
@@ -186,12 +254,27 @@ def is_negligible(model: Model, effect: Effect) -> bool:
     """True if an effect was fitted to less than is one.
 
     A gap of no width: then what explains is the observer that follows the carriage, which forgives other effects.
+
+    Parameters
+    ----------
+    model : Model
+        Fitted with the effect.
+    effect : Effect
+        The effect.
     """
     return effect.least > 0.0 and model[effect.full_names()[0]] <= effect.least
 
 
 def is_refuted(evidence: float, held_out_gain: float) -> bool:
-    """True if the held-out records speak against an effect that the fitted ones speak for."""
+    """True if the held-out records speak against an effect that the fitted ones speak for.
+
+    Parameters
+    ----------
+    evidence : float
+        By the fitted records.
+    held_out_gain : float
+        Fall of the objective of the records held out.
+    """
     return held_out_gain < -HELD_OUT_LOSS * max(evidence, 0.0)
 
 
@@ -224,6 +307,15 @@ def drop_in_means(data: Data, base: Fitted, grown: Fitted) -> float:
     """By how much O falls where neighbours are put together; inf where they are so already.
 
     At a steady speed rounding is no white noise, and what smooths it looks like an effect; over some samples together there is less of it.
+
+    Parameters
+    ----------
+    data : Data
+        The records.
+    base : Fitted
+        Without the effect.
+    grown : Fitted
+        With it.
     """
     groups = {r.name: group_of(r) for r in data.recordings}
     if data.substeps == PUBLISHED_SUBSTEPS or all(piece.group >= groups[piece.record] for piece in base.problem.pieces):
@@ -237,8 +329,19 @@ def drop_in_means(data: Data, base: Fitted, grown: Fitted) -> float:
 
 
 def most_within(smaller: Problem, grown: Fitted, loss: float) -> float:
-    """O above which a model loses more than so many nats against one with more effects, by :func:`drop_by`; inf where that depends on
-    what is fitted, as it does for effects of the torque path."""
+    """Objective O above which a model loses more than so many nats against one with more effects, by :func:`drop_by`.
+
+    inf where that depends on what is fitted, as it does for effects of the torque path.
+
+    Parameters
+    ----------
+    smaller : Problem
+        Segments and free parameters of the model with fewer.
+    grown : Fitted
+        Fitted with more.
+    loss : float, nats
+        That is allowed.
+    """
     bends = [e for e in grown.model.effect_list() if e.slot in ("torque_path", "torque_reading") and e.name not in smaller.model.effects]
     if bends:
         return math.inf
@@ -250,7 +353,13 @@ def most_within(smaller: Problem, grown: Fitted, loss: float) -> float:
 
 
 def log_deviations(pieces: Sequence[Segment]) -> float:
-    """2 Σ ln deviation of the innovations, nats: an observer's noise goes with what its model says is closed."""
+    """2 Σ ln deviation of the innovations, nats: an observer's noise goes with what its model says is closed.
+
+    Parameters
+    ----------
+    pieces : sequence of Segment
+        Segments with observer or whitener.
+    """
     total = 0.0
     for piece in pieces:
         noise = piece.observer.watch if piece.observer is not None else piece.whitener
@@ -296,7 +405,15 @@ KNOWN: Final = 0.5
 
 
 def parameters_at_bounds(model: Model, base: Model) -> list[str]:
-    """Parameters of added effects that grew until they met a bound: no size of the effect is right."""
+    """Parameters of added effects that grew until they met a bound: no size of the effect is right.
+
+    Parameters
+    ----------
+    model : Model
+        With the effects.
+    base : Model
+        Without them.
+    """
     sizes = {name for e in model.effect_list() for name, p in effect_parameters(e).items() if not p.form} - set(base.parameters)
     added = {name: v for name, v in model.parameters.items() if name in sizes and v.low < v.high}
     near = {name: 1e-6 * (v.high - v.low) for name, v in added.items()}

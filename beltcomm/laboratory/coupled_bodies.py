@@ -53,6 +53,8 @@ def coupling_candidate(data: Data, current: Fitted, axis: Axis) -> Candidate | N
 
     Parameters
     ----------
+    data : Data
+        The records.
     current : Fitted
         Model that it must be better than.
     axis : Axis
@@ -285,6 +287,13 @@ def refit_from_several_stiffnesses(data: Data, grown: Fitted) -> tuple[Data, Fit
     """Records and model with a coupling, the motion between the samples rebuilt by it until both agree, from several stiffnesses; the best.
 
     The pulley swings faster than the samples show, so what it did there follows from the model, and more than one model agrees with that.
+
+    Parameters
+    ----------
+    data : Data
+        The records.
+    grown : Fitted
+        Fitted with the coupling.
     """
     tried = [(data, grown)]
     for factor in ASIDE:

@@ -75,6 +75,15 @@ def extract_long(records: Sequence[Recording], axis: Axis, remarks: list[str]) -
     """Extracts that stand for each long record, by its name: stretches of it, each a record of its own, called ``NAME@SECONDSs``.
 
     Records to fit and those held out are chosen among themselves.
+
+    Parameters
+    ----------
+    records : sequence of Recording
+        Of the run.
+    axis : Axis
+        Data sheets.
+    remarks : list of str
+        Gets further ones.
     """
     long = [r for r in records if len(r.t_s) > LONG_ROWS]
     chosen: dict[str, list[Recording]] = {}

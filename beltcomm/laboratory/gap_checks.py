@@ -18,7 +18,20 @@ UNBROKEN_S, LEFT = 2.0, 0.25
 
 
 def check_whole(recordings: Sequence[Recording]) -> None:
-    """Raise DamagedRecord, naming it, for an excited record that ends before its first measured period does."""
+    """Refuse an excited record that ends before its first measured period does, naming it.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Of a run.
+
+    Raises
+    ------
+    DamagedRecord
+        For one of this program.
+    DataError
+        For an imported one.
+    """
     for recording in recordings:
         note = recording.sidecar.excitation
         if note is None or not note.period_samples:
@@ -58,7 +71,13 @@ def _lost_rows(record: Recording) -> int:
 
 
 def gap_remarks(timed: Sequence[Recording]) -> list[str]:
-    """Remarks on lost samples where each piece counts."""
+    """Remarks on lost samples where each piece counts.
+
+    Parameters
+    ----------
+    timed : sequence of Recording
+        Records over time.
+    """
     with_gaps = [r for r in timed if len(r.gaps)]
     return [f"{_gap_words(with_gaps, timed)}: the pieces between them are judged on their own"] if with_gaps else []
 
@@ -67,6 +86,13 @@ def before_gaps(timed: Sequence[Recording], remarks: list[str]) -> list[Recordin
     """Records up to their first lost sample: behind it nobody knows how the carriage swings on the belt.
 
     Those that lose one within the first seconds are left out.
+
+    Parameters
+    ----------
+    timed : sequence of Recording
+        Records over time.
+    remarks : list of str
+        Gets further ones.
 
     Raises
     ------
@@ -95,7 +121,15 @@ def before_gaps(timed: Sequence[Recording], remarks: list[str]) -> list[Recordin
 
 
 def first_rows(record: Recording, rows: int) -> Recording | None:
-    """The record's first rows; None where they are too few or show nothing."""
+    """The record's first rows; None where they are too few or show nothing.
+
+    Parameters
+    ----------
+    record : Recording
+        Over time.
+    rows : int
+        That are kept.
+    """
     if rows * record.sample_period_s < UNBROKEN_S:
         return None
     names = ("t_s", "torque", "position", "torque_setpoint", "velocity", "reference_position", "reference_velocity", *COMMON)

@@ -149,6 +149,8 @@ def gap_with_delay(data: Data, current: Fitted, held: Fitted) -> Candidate | Non
 
     Parameters
     ----------
+    data : Data
+        The records.
     current : Fitted
         Model that they must be better than.
     held : Fitted
@@ -207,6 +209,8 @@ def converged_gap(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
 
     Parameters
     ----------
+    data : Data
+        The records.
     fitted : Fitted
         As :func:`along_gap_valley`.
 
@@ -294,6 +298,8 @@ def gap_from_start(data: Data, current: Fitted, start: Model) -> Candidate | Non
 
     Parameters
     ----------
+    data : Data
+        The records.
     current : Fitted
         Model that it must be better than.
     start : Model

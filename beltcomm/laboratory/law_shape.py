@@ -226,14 +226,30 @@ def release(model: Model, effect: Effect) -> Model:
 
 
 def additions(model: Model, base: Model) -> list[Effect]:
-    """Effects that the base does not have and that mean something on their own."""
+    """Effects that the base does not have and that mean something on their own.
+
+    Parameters
+    ----------
+    model : Model
+        With the effects.
+    base : Model
+        Without them.
+    """
     effects = [e for e in model.effect_list() if e.name not in base.effects]
     completing = {name for e in effects for name in e.completed_by}
     return [e for e in effects if e.name not in completing]
 
 
 def without(model: Model, name: str) -> Model | None:
-    """The model without an effect; None where another stands on it, as presliding of the carriage does on its friction."""
+    """The model without an effect; None where another stands on it, as presliding of the carriage does on its friction.
+
+    Parameters
+    ----------
+    model : Model
+        With the effect.
+    name : str
+        Of the effect.
+    """
     try:
         return model.without_effect(name)
     except UsageError:

@@ -19,13 +19,25 @@ MAJORITY, RADIUS = 0.6, 0.02
 
 
 def names_of(records: Iterable[Recording]) -> str:
-    """Names, the first three of many."""
+    """Names, the first three of many.
+
+    Parameters
+    ----------
+    records : iterable of Recording
+        In their order.
+    """
     names = [r.name for r in records]
     return ", ".join(names) if len(names) <= 4 else f"{', '.join(names[:3])} and {len(names) - 3} more"
 
 
 def transmission(axis: Axis) -> float | None:
-    """Carriage travel per radian of the motor, m/rad; None where no radius is known."""
+    """Carriage travel per radian of the motor, m/rad; None where no radius is known.
+
+    Parameters
+    ----------
+    axis : Axis
+        Of any kind.
+    """
     return axis.transmission_m_rad if axis.get("pulley.effective_radius_m") is not None else None
 
 
@@ -69,7 +81,27 @@ def line_through(angle: Array, place: Array, slope: float | None = None) -> Posi
 
 
 def checked_positions(timed: Sequence[Recording], axis: Axis, remarks: list[str]) -> list[Recording]:
-    """Start positions against the angles, which go on from record to record where the drive was not switched off."""
+    """Start positions against the angles, which go on from record to record where the drive was not switched off.
+
+    Parameters
+    ----------
+    timed : sequence of Recording
+        Records over time.
+    axis : Axis
+        Data sheets.
+    remarks : list of str
+        Gets further ones.
+
+    Returns
+    -------
+    list of Recording
+        With start positions where they follow.
+
+    Raises
+    ------
+    DataError
+        For a start position that contradicts the others, or a wrong radius.
+    """
     ratio = transmission(axis)
     known = [r for r in timed if r.sidecar.start_position_m is not None]
     if ratio is None or timed[0].side != "motor":
@@ -134,7 +166,15 @@ def _radius_fault(axis: Axis, ratio: float, slope: float, count: int) -> DataErr
 
 
 def sensor_remarks(timed: Sequence[Recording], axis: Axis) -> list[str]:
-    """The carriage's own sensor against the motor angle: it is never used to fit, so nothing of this stands in the way."""
+    """The carriage's own sensor against the motor angle: it is never used to fit, so nothing of this stands in the way.
+
+    Parameters
+    ----------
+    timed : sequence of Recording
+        Records over time.
+    axis : Axis
+        Data sheets.
+    """
     ratio = transmission(axis)
     remarks: list[str] = []
     if ratio is None:

@@ -105,7 +105,13 @@ class ErrorRegion:
 
 
 def worst_places(judged: Sequence[Judged]) -> list[ErrorRegion]:
-    """The worst place of every dimension that has one, the one that stands out most first."""
+    """The worst place of every dimension that has one, the one that stands out most first.
+
+    Parameters
+    ----------
+    judged : sequence of Judged
+        Segments with their whitened residuals.
+    """
     judged = [j for j in judged if len(j.white)]
     if not judged:
         return []

@@ -28,7 +28,17 @@ BELT = ("belt_stiffness.stiffness",)
 
 
 def refine_best(scorer: Scorer, ways: Sequence[Scored], number: int) -> Scored:
-    """The best of the first ``number`` ways with its own parameters searched; the best way itself where there is nothing to search."""
+    """The best of the first ``number`` ways with its own parameters searched; the best way itself where there is nothing to search.
+
+    Parameters
+    ----------
+    scorer : Scorer
+        Of the model without the effect.
+    ways : sequence of Scored
+        The best first.
+    number : int
+        That are searched.
+    """
     names = searched_names(scorer, ways[0])
     if not names:
         return ways[0]

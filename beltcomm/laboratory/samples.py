@@ -72,7 +72,13 @@ CARRIAGE_BY_MOTOR = Units()
 
 
 def units_of(model: Model) -> Units:
-    """Units of a model's side."""
+    """Units of a model's side.
+
+    Parameters
+    ----------
+    model : Model
+        Of any side.
+    """
     if model.side == "load":
         return Units("N", "m")
     length = "m" if "cart" in model.base_bodies or model.rigid else "rad"
@@ -211,7 +217,15 @@ def position_edges(samples: Samples) -> Array:
 
 
 def bin_numbers(values: Array, edges: Array) -> NDArray[np.intp]:
-    """Number of the bin of every value; those beyond the edges are in the bins at the ends."""
+    """Number of the bin of every value; those beyond the edges are in the bins at the ends.
+
+    Parameters
+    ----------
+    values : ndarray (n,)
+        Of any unit.
+    edges : ndarray (k + 1,)
+        In that unit, rising.
+    """
     return np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
 
 
@@ -337,7 +351,13 @@ FEWEST_IN_PART, OUTLIER = 60, 5.0
 
 
 def structure(judged: Sequence[Judged]) -> dict[str, float]:
-    """z of the module by partition: speed, position, time and record, each by direction."""
+    """Distance of the residual from noise by partition, z of the module: speed, position, time and record, each by direction.
+
+    Parameters
+    ----------
+    judged : sequence of Judged
+        Segments with their whitened residuals.
+    """
     samples = replace(gather_samples(judged), speed=np.concatenate([steady_speed(item) for item in judged]))
     white = np.clip(samples.white, -OUTLIER, OUTLIER)
     return {name: excess(white, number) for name, number in partitions(samples).items()}

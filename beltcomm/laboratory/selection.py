@@ -148,6 +148,16 @@ def search(
 
     Parameters
     ----------
+    data : Data
+        The records.
+    scorer : Scorer
+        Of the base model.
+    ground : AxisSummary
+        Of the axis, for the trials.
+    effects : sequence of Effect or None
+        That are tried; None for the whole catalogue.
+    progress : callable
+        Hears the share that is done, 0 to 1.
     swallowed_above : float
         O per sample from which on, where nothing explains it, it is asked what the base may have swallowed.
     against : Fitted or None
@@ -302,6 +312,10 @@ def left_start_values(base: Fitted, start: Model, above: float = MISSING) -> boo
 
     Parameters
     ----------
+    base : Fitted
+        That was fitted.
+    start : Model
+        Model with the start values.
     above : float
         O per sample from which on it explains little.
     """
@@ -312,14 +326,30 @@ def left_start_values(base: Fitted, start: Model, above: float = MISSING) -> boo
 
 
 def fit_with_sheet_values(data: Data, base: Fitted, start: Model) -> Fitted:
-    """The model fitted with masses and belt as the start values have them."""
+    """The model fitted with masses and belt as the start values have them.
+
+    Parameters
+    ----------
+    data : Data
+        The records.
+    base : Fitted
+        Fitted to these records.
+    start : Model
+        With the values of the data sheets.
+    """
     solid = [inertia for inertia, body in base.model.bodies() if body.name in base.model.base_bodies]
     held = {name: start[name] for name in (*solid, STIFFNESS) if name in base.model.parameters and name in start.parameters}
     return fit(data, base.model.with_values(held, "start"), ITERATIONS, fixed=tuple(held), enough=ENOUGH)
 
 
 def merge_candidates(candidates: Sequence[Candidate], more: Sequence[Candidate]) -> list[Candidate]:
-    """Both searches: of every effect the candidate that stands and has more evidence."""
+    """Both searches: of every effect the candidate that stands and has more evidence.
+
+    Parameters
+    ----------
+    candidates, more : sequence of Candidate
+        Of two searches.
+    """
     best: dict[str, Candidate] = {}
     for item in (*candidates, *more):
         old = best.get(item.effect.name)
@@ -334,7 +364,23 @@ def rank(item: Candidate) -> tuple[bool, bool, float]:
 
 
 def candidate(data: Data, base: Fitted, effect: Effect, promised: float, best: Fitted, starts: int) -> Candidate:
-    """Candidate from a model fitted with the effect; as one that was not refitted where a body flies off in it."""
+    """Candidate from a model fitted with the effect; as one that was not refitted where a body flies off in it.
+
+    Parameters
+    ----------
+    data : Data
+        The records.
+    base : Fitted
+        Without the effect.
+    effect : Effect
+        The effect.
+    promised : float
+        Fall of the objective to first order.
+    best : Fitted
+        Fitted with the effect.
+    starts : int
+        Ways that were tried.
+    """
     if not math.isfinite(best.objective + best.held_out_objective):
         return Candidate(effect, promised, promised, 0.0, 0.0, None, False)
     drop = drop_by(base, best)
@@ -436,6 +482,10 @@ def drop_superfluous(data: Data, fitted: Fitted, base: Model, newest: str) -> tu
 
     Parameters
     ----------
+    data : Data
+        The records.
+    fitted : Fitted
+        Model, fitted to the records.
     base : Model
         Model that the search began with.
     newest : str

@@ -31,7 +31,13 @@ EXPLAINS, BY_CHANCE = 1.5, 0.01
 
 
 def stiffness_by_record(fitted: Fitted) -> tuple[tuple[float, float, float], ...]:
-    """(place m, rms torque N m, stiffness N/m) of every record at one place that shows it; () where the model has no plain belt."""
+    """(place m, rms torque N m, stiffness N/m) of every record at one place that shows it; () where the model has no plain belt.
+
+    Parameters
+    ----------
+    fitted : Fitted
+        Model, fitted to the records.
+    """
     if STIFFNESS not in fitted.problem.free:
         return ()
     ratio = fitted.model["transmission.ratio"]
@@ -53,6 +59,11 @@ def explained_elongation(fitted: Fitted) -> tuple[float, float]:
     """Stretch of the belt, m, to the negative and positive side, in moments that the model explains; (0, 0) without a belt.
 
     A strand that goes slack does so beyond it, however little the moments beyond tell of where.
+
+    Parameters
+    ----------
+    fitted : Fitted
+        Model, fitted to the records.
     """
     model, problem = fitted.model, fitted.problem
     if STIFFNESS not in problem.free or needs_observer(model):

@@ -89,7 +89,13 @@ def lent_torque_nm(machine: Watched, model: Model, torque_nm: Array) -> float:
 
 
 def unwatched(_row: Row) -> None:
-    """A record that nobody but the drive's limits watches."""
+    """A record that nobody but the drive's limits watches.
+
+    Parameters
+    ----------
+    _row : Row
+        Of the record.
+    """
 
 
 @dataclass(frozen=True)

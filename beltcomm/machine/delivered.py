@@ -147,7 +147,17 @@ def _limited_rest(asked: Array, torque: Array, step_nm: float) -> float:
 def check(recording: Recording) -> str:
     """Sentence on an excitation that was delivered otherwise than asked for; "" when it was not.
 
-    Raises DriveError for a torque with the wrong sign, Refused for one that shows something else than was asked for.
+    Parameters
+    ----------
+    recording : Recording
+        With its torque setpoint.
+
+    Raises
+    ------
+    DriveError
+        For a torque with the wrong sign.
+    Refused
+        For one that shows something else than was asked for.
     """
     found = delivered(recording)
     if found is None or found.sound:

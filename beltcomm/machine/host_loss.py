@@ -124,13 +124,29 @@ def losses_of(machine: Machine, sliding_nm: Callable[[float, float], float] | No
 
 
 def chosen(predicted: Prediction, ends_m: float) -> int:
-    """Number of the longest guard time with which the predicted record stays within ``ends_m`` of its start."""
+    """Number of the longest guard time with which the predicted record stays within ``ends_m`` of its start.
+
+    Parameters
+    ----------
+    predicted : Prediction
+        Of the record, for each guard time.
+    ends_m : float, m
+        Way to the nearer end of the travel.
+    """
     fits = [number for number, place in enumerate(predicted.died_m) if place <= ends_m]
     return fits[0] if fits else len(predicted.died_m) - 1
 
 
 def words(guard_s: float, run_on_m: float) -> str:
-    """One sentence for a plan or a step of it."""
+    """Sentence on the loss of the host, for a plan or a step of it.
+
+    Parameters
+    ----------
+    guard_s : float, s
+        Guard time.
+    run_on_m : float, m
+        Way until it stands.
+    """
     return f"PC or bus lost: coasts {1e3 * run_on_m:.0f} mm at most ({1e3 * guard_s:.0f} ms of guard time)"
 
 

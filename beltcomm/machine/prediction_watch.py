@@ -180,12 +180,26 @@ class DriveUnits(NamedTuple):
 
 
 def units_of(capabilities: Capabilities) -> DriveUnits:
-    """The units that a drive's torques and positions are taken for."""
+    """The units that a drive's torques and positions are taken for.
+
+    Parameters
+    ----------
+    capabilities : Capabilities
+        Of the drive.
+    """
     return DriveUnits(1e3 * (capabilities.torque_step_nm or math.nan), capabilities.counts_per_rev)
 
 
 def other_units(share: float, units: DriveUnits) -> str:
-    """Units that would make an inertia of so many times that of the data sheets right, in words."""
+    """Units that would make an inertia of so many times that of the data sheets right, in words.
+
+    Parameters
+    ----------
+    share : float
+        Inertia found over that of the data sheets.
+    units : DriveUnits
+        As the drive's are taken now.
+    """
     return (
         f"a thousand units of torque would be {units.thousand_nm / share:.3g} N m instead of {units.thousand_nm:.3g} N m (thousandths of "
         f"the drive's peak?), or a turn {units.per_turn / share:.3g} position units instead of {units.per_turn} (turn the motor once by "

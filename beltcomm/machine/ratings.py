@@ -150,7 +150,25 @@ def limit_ratings(axis: Axis, peak_torque_nm: float, max_speed_rad_s: float) -> 
 
 
 def check_ratings(axis: Axis, capabilities: Capabilities) -> list[str]:
-    """Raise UsageError for values that differ by more than ``RATED_TOLERANCE``, with all of them; returns smaller differences in words."""
+    """Refuse values of a drive that differ from the axis file's by more than ``RATED_TOLERANCE``.
+
+    Parameters
+    ----------
+    axis : Axis
+        Data sheets.
+    capabilities : Capabilities
+        Of the drive.
+
+    Returns
+    -------
+    list of str
+        Smaller differences, in words.
+
+    Raises
+    ------
+    UsageError
+        With all of them.
+    """
     found = ratings(axis, capabilities)
     wrong = [rating.words() for rating in found if rating.wrong]
     if wrong:

@@ -49,7 +49,17 @@ class Swing:
 
 
 def band_of(model: Model, window_m: tuple[float, float], period_s: float) -> tuple[float, float]:
-    """Around the first resonance at both ends of a window and above, Hz, as far as rows with this period can show it."""
+    """Around the first resonance at both ends of a window and above, Hz, as far as rows with this period can show it.
+
+    Parameters
+    ----------
+    model : Model
+        With any bodies.
+    window_m : tuple of float, m
+        Ends.
+    period_s : float, s
+        Of the rows.
+    """
     lowest = math.inf
     for place in window_m:
         shape = shape_of(model, place)
@@ -72,8 +82,18 @@ def predicted_torque(model: Model, cascade: Cascade, motion: Motion, drive: Loop
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
+    cascade : Cascade
+        The controller.
+    motion : Motion
+        That is asked for.
     drive : Loop
         What the drive adds.
+    ratio : float, m/rad
+        i_t.
+    origin_rad : float, rad, motor shaft
+        Angle at which the carriage stands at 0.
     """
     if motion.kind == "velocity":  # the same cascade without its position loop
         cascade = replace(cascade, kpp_1_s=0.0, feedforward=replace(cascade.feedforward, velocity=1.0))
@@ -91,6 +111,12 @@ def allowed(torque_nm: Array, period_s: float, band_hz: tuple[float, float], rat
 
     Parameters
     ----------
+    torque_nm : ndarray (n,), N m, motor shaft
+        Predicted.
+    period_s : float, s
+        Of the rows.
+    band_hz : tuple of float, Hz
+        Ends of the band.
     rated_nm : float
         Of the drive.
     """

@@ -21,6 +21,14 @@ def leave(
 
     Parameters
     ----------
+    drive : Drive
+        Connected.
+    folder : RunFolder
+        The run folder.
+    talk : Talk
+        Hears progress and answers questions.
+    wanted : mapping of str to float, SI
+        By name of the parameter.
     keep : bool
         New gains stay.
     error : BaseException or None

@@ -23,7 +23,13 @@ from beltcomm.sentences.words import friction_lines, nonlinearity_lines
 
 
 def frequency(run: Gathered) -> Section:
-    """All responses with their 95 % bands and landmarks; the model over those that differ most, with coherence."""
+    """All responses with their 95 % bands and landmarks; the model over those that differ most, with coherence.
+
+    Parameters
+    ----------
+    run : Gathered
+        Everything of the run.
+    """
     title = "Frequency responses"
     if run.model is None or not any(r.sidecar.experiment == "frf" for r in run.recordings):
         return Section("responses", title, missing="No response was measured; beltcomm identify does.")
@@ -90,7 +96,13 @@ def _distortion_words(run: Gathered) -> list[str]:
 
 
 def friction_section(run: Gathered) -> Section:
-    """Friction over speed in both directions with its scatter, its laws, and its drift."""
+    """Friction over speed in both directions with its scatter, its laws, and its drift.
+
+    Parameters
+    ----------
+    run : Gathered
+        Everything of the run.
+    """
     title = "Friction"
     try:
         study = study_of(run.recordings, run.folder.axis, run.model, {})

@@ -86,7 +86,15 @@ def _digits(interval: float | None) -> int:
 
 
 def named(changes: Sequence[QuantityChange], before: Gathered, now: Gathered) -> list[str]:
-    """Changes in words, the largest first, for the first screen."""
+    """Changes in words, the largest first, for the first screen.
+
+    Parameters
+    ----------
+    changes : sequence of QuantityChange
+        Of the quantities of both runs.
+    before, now : Gathered
+        Everything of each run.
+    """
     told = [c for c in changes if c.state in ("changed", "unsure")]
     clear = sorted(told, key=lambda c: (c.state == "unsure", -abs(c.share) / c.now.usual))
     lines, effects = [change.words() for change in clear], _effects(before, now)
@@ -120,7 +128,15 @@ def _doubts(before: Gathered, now: Gathered) -> list[str]:
 
 
 def section(before: Gathered, now: Gathered, changes: Sequence[QuantityChange]) -> Section:
-    """Table of all quantities, changes with intervals, and responses, friction and tracking of both runs on one scale."""
+    """Table of all quantities, changes with intervals, and responses, friction and tracking of both runs on one scale.
+
+    Parameters
+    ----------
+    before, now : Gathered
+        Everything of each run.
+    changes : sequence of QuantityChange
+        Of their quantities.
+    """
     caption = Caption(now.command, f"{before.name} and {now.name}: models, results, recordings")
     rows = [
         (
@@ -180,5 +196,11 @@ def _friction(run: Gathered) -> FrictionFit | None:
 
 
 def compared(before: Gathered, now: Gathered) -> list[QuantityChange]:
-    """The changes of two runs."""
+    """Changes of the quantities of two runs.
+
+    Parameters
+    ----------
+    before, now : Gathered
+        Everything of each run.
+    """
     return changes_of(*(quantities_of(run.model, run.results, run.folder.terms) for run in (before, now)))

@@ -24,7 +24,13 @@ COST_TITLE = "What missing effects cost"
 
 
 def section(run: Gathered) -> Section:
-    """A card for each effect that the last diagnosis named or that was added since."""
+    """A card for each effect that the last diagnosis named or that was added since.
+
+    Parameters
+    ----------
+    run : Gathered
+        Everything of the run.
+    """
     told = run.results.get("diagnosis") or {}
     added = run.rungs[-1].effects if run.rungs else ()
     base = run.rungs[0].effects if run.rungs else ()
@@ -89,7 +95,13 @@ def _picture(run: Gathered, effect: Effect, values: Mapping[str, float]) -> Pict
 
 
 def cost_section(run: Gathered) -> Section:
-    """Predicted errors of the standard move by a controller that does not know an effect, and by one that does; one table a revision."""
+    """Predicted errors of the standard move by a controller that does not know an effect, and by one that does; one table a revision.
+
+    Parameters
+    ----------
+    run : Gathered
+        Everything of the run.
+    """
     added = [rung for rung in run.rungs if rung.change.startswith("+")]
     if not added:
         return Section(

@@ -76,6 +76,10 @@ def gathered(run: Path, talk: Talk, against: Path | None = None, *, compared: bo
 
     Parameters
     ----------
+    run : Path
+        Of the run folder.
+    talk : Talk
+        Hears progress and answers questions.
     against : Path or None
         Another run that the command names.
     compared : bool

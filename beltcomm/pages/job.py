@@ -51,10 +51,14 @@ def report(run: Path, *, against: Path | None = None, out: Path | None = None, t
 
     Parameters
     ----------
+    run : Path
+        Of the run folder.
     against : Path or None
         An earlier run of the same axis; the page begins with what changed since.
     out : Path or None
         Of the page, ``RUN/report.html`` unless told.
+    talk : Talk or None
+        Hears progress; None says nothing.
 
     Raises
     ------

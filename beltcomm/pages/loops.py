@@ -56,7 +56,13 @@ NAMES = {
 
 
 def section(run: Gathered) -> Section:
-    """Table of margins, Nyquist plots and gains with the measured responses, sensitivity."""
+    """Section on the loops: table of margins, Nyquist plots and gains with the measured responses, sensitivity.
+
+    Parameters
+    ----------
+    run : Gathered
+        Everything of the run.
+    """
     if not run.design or run.model is None:
         return Section("loops", TITLE, missing=f"No loop was designed; beltcomm design {pasted(run.place)} does.")
     rows = [(str(m["plant"]), *(f"{m[key]:.1f}" for key in COLUMNS)) for m in run.design["margins"]]
@@ -91,7 +97,13 @@ def _pictures(run: Gathered) -> list[Picture]:
 
 
 def gains_section(run: Gathered) -> Section:
-    """One table: SI before and designed, and the objects of the drive with their raw numbers."""
+    """Section on the gains: SI before and designed, and the objects of the drive with their raw numbers.
+
+    Parameters
+    ----------
+    run : Gathered
+        Everything of the run.
+    """
     designed = run.design.get("parameters")
     if not designed:
         return Section("gains", "Gains", missing=f"No gains were designed; beltcomm design {pasted(run.place)} does.")

@@ -27,7 +27,13 @@ PARAMETER_OF = {"belt.specific_stiffness_n": "belt_stiffness.stiffness", "motor.
 
 
 def section(run: Gathered) -> Section:
-    """Every parameter, its 95 % interval, where it comes from, and what contradicts a data sheet."""
+    """Section on the model: every parameter, its 95 % interval, where it comes from, and what contradicts a data sheet.
+
+    Parameters
+    ----------
+    run : Gathered
+        Everything of the run.
+    """
     if run.model is None:
         return Section("model", "Model", missing=f"There is no model yet; beltcomm fit {pasted(run.place)} makes one.")
     rows = []
@@ -86,7 +92,13 @@ def _sheet(run: Gathered, name: str) -> tuple[float, float] | None:
 
 
 def error_section(run: Gathered) -> Section:
-    """Ratios by record, places in words, maps over frequency, speed, direction, position, amplitude and time."""
+    """Section on the error: ratios by record, places in words, maps over frequency, speed, direction, position, amplitude and time.
+
+    Parameters
+    ----------
+    run : Gathered
+        Everything of the run.
+    """
     found = run.comparison
     if found is None or run.laboratory is None:
         return Section(

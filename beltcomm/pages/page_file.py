@@ -14,7 +14,18 @@ from beltcomm.result import jsonable
 
 
 def admit_page(page: Path) -> None:
-    """Raise UsageError for a name that is no page's, and where the page or its numbers would replace a file of another kind."""
+    """Refuse a name that is no page's, and one where the page or its numbers would replace a file of another kind.
+
+    Parameters
+    ----------
+    page : Path
+        Of the file.
+
+    Raises
+    ------
+    UsageError
+        For either.
+    """
     if page.suffix.lower() not in (".html", ".htm"):
         raise UsageError(f"the page would be {page}, and it is HTML; give a name that ends in .html")
     numbers = page.with_suffix(".json")
@@ -24,7 +35,22 @@ def admit_page(page: Path) -> None:
 
 
 def write_page(page: Path, html: str, numbers: Mapping[str, Any]) -> None:
-    """Write both.   Raises UsageError where they cannot be written."""
+    """Write a page, and its numbers beside it.
+
+    Parameters
+    ----------
+    page : Path
+        Of the file, ending in .html.
+    html : str
+        The page.
+    numbers : mapping of str to Any
+        For the JSON file.
+
+    Raises
+    ------
+    UsageError
+        Where they cannot be written.
+    """
     write_text(page, html)
     write_text(page.with_suffix(".json"), json.dumps(jsonable(numbers), indent=1) + "\n")
 

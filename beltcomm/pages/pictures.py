@@ -72,7 +72,21 @@ def _comparison_figures(folder: RunFolder, data: Data, fitted: Fitted, found: Co
 
 
 def error_figures(folder: RunFolder, data: Data, fitted: Fitted, found: Comparison, command: str) -> dict[str, Figure]:
-    """The error maps and the worst record, by name."""
+    """The error maps and the worst record, by name.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    data : Data
+        The records.
+    fitted : Fitted
+        Model, fitted to the records.
+    found : Comparison
+        Of these records and this model.
+    command : str
+        Command line, for the caption.
+    """
     from beltcomm.report import maps, overlay
 
     caption = _compared(folder, found, command)
@@ -146,7 +160,17 @@ def ladder_picture(folder: RunFolder, rungs: Sequence[Revision], command: str) -
 
 
 def ladder_figures(folder: RunFolder, rungs: Sequence[Revision], command: str) -> dict[str, Figure]:
-    """Figure of the ladder."""
+    """Figure of the revisions of a model, by name.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    rungs : sequence of Revision
+        In their order.
+    command : str
+        Command line, for the caption.
+    """
     from beltcomm.report import staircase, style
 
     caption = style.Caption(command or f"beltcomm ladder {pasted(folder.path)}", f"{folder.path.resolve().name}/results/ladder.yaml")

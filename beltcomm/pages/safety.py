@@ -20,7 +20,13 @@ _WORK = re.compile(r"^( *[0-9.]+ s  )?(\w+: (\d+ samples|order \d|another sequen
 
 
 def section(run: Gathered) -> Section:
-    """The plan, what was measured of every experiment beside it, heat, and what was agreed, guarded, stopped and restored."""
+    """Section on the plan: what was measured of every experiment beside it, heat, and what was agreed, guarded, stopped and restored.
+
+    Parameters
+    ----------
+    run : Gathered
+        Everything of the run.
+    """
     title = "Plan and safety log"
     plan, lines = run.results.get(PLAN), [line for line in _journal_of(run) if not _WORK.match(line)]
     if not plan and not lines:
@@ -101,7 +107,13 @@ def _journal_of(run: Gathered) -> list[str]:
 
 
 def journal(run: Gathered) -> Section:
-    """The session's journal: what was planned, measured, written, stopped."""
+    """Section with the session's journal: what was planned, measured, written, stopped.
+
+    Parameters
+    ----------
+    run : Gathered
+        Everything of the run.
+    """
     lines = _journal_of(run)
     if not lines:
         return Section("journal", "Journal", missing="No machine was moved for this run.")

@@ -25,7 +25,13 @@ SHOWN = 2
 
 
 def section(run: Gathered) -> Section:
-    """Table of all moves, picture of the first and the last."""
+    """Section on the moves: table of all, picture of the first and the last.
+
+    Parameters
+    ----------
+    run : Gathered
+        Everything of the run.
+    """
     title = "Tracking"
     moves = [r for r in run.recordings if f"verify_{r.name}" in run.results and r.reference_position is not None]
     if not moves:
@@ -49,7 +55,13 @@ def section(run: Gathered) -> Section:
 
 
 def last(run: Gathered) -> TrackedMove | None:
-    """The last move of a run; None where none was driven."""
+    """The last move of a run; None where none was driven.
+
+    Parameters
+    ----------
+    run : Gathered
+        Everything of the run.
+    """
     moves = [r for r in run.recordings if f"verify_{r.name}" in run.results and r.reference_position is not None]
     return _tracked(run, moves[-1]) if moves else None
 

@@ -105,6 +105,8 @@ def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[s
 
     Parameters
     ----------
+    runs : sequence of Path
+        Run folders of one axis.
     limits : sequence of str
         ``KEY=-20%``, ``KEY=+50%``, or an SI value for an upper limit.
     dates : sequence of str

@@ -116,6 +116,8 @@ def jitter(t_s: Array, lost: NDArray[np.intp]) -> float:
 
     Parameters
     ----------
+    t_s : ndarray (n,), s
+        Time stamps, rising.
     lost : ndarray of int
         The gaps, left out.
     """

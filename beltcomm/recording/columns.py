@@ -66,6 +66,10 @@ def side_of(file: str, columns: Mapping[str, object], *, timed: bool) -> Side:
 
     Parameters
     ----------
+    file : str
+        Name, for the sentence.
+    columns : mapping of str to object
+        By name.
     timed : bool
         t_s is needed.
 

@@ -35,6 +35,8 @@ def place(figure: Figure, renderer: RendererBase) -> bool:
 
     Parameters
     ----------
+    figure : Figure
+        Changed in place.
     renderer : RendererBase
         That will draw it.
     """

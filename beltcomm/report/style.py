@@ -117,13 +117,33 @@ def noise_norm() -> LogNorm:
 
 
 def floor_line(axes: Axes, *, vertical: bool = False, label: str = "noise, 1.00") -> None:
-    """The floor that no model can go below."""
+    """The floor that no model can go below.
+
+    Parameters
+    ----------
+    axes : Axes
+        Drawn on.
+    vertical : bool
+        True where the error is along the x axis.
+    label : str
+        In the legend.
+    """
     draw = axes.axvline if vertical else axes.axhline
     draw(1.0, color=SEVERE, linewidth=1.2, linestyle=(0, (5, 3)), label=label, zorder=1.5)
 
 
 def ratio_ticks(axes: Axes, lowest: float, highest: float, *, vertical: bool = True) -> None:
-    """A logarithmic axis of ratios with plain numbers."""
+    """A logarithmic axis of ratios with plain numbers.
+
+    Parameters
+    ----------
+    axes : Axes
+        Drawn on.
+    lowest, highest : float
+        Ends of the axis.
+    vertical : bool
+        True for the y axis.
+    """
     fine = (0.8, 0.9, 1.1, 1.2, 1.3, 1.5, 1.7) if highest <= 3.0 * lowest else (0.7, 1.5, 3.0) if highest <= 20.0 else ()
     ticks = [v for v in sorted((0.5, 1.0, *fine, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)) if lowest <= v <= highest]
     if vertical:
@@ -140,6 +160,12 @@ def numbers_at(axis: Axis, at: Sequence[float], words: Sequence[str] | None = No
 
     Parameters
     ----------
+    axis : Axis
+        As its file states it.
+    at : sequence of float
+        Values with a tick.
+    words : sequence of str or None
+        In place of the numbers; None for none.
     size : float or None
         Of the letters, points.
     """
@@ -151,13 +177,25 @@ def numbers_at(axis: Axis, at: Sequence[float], words: Sequence[str] | None = No
 
 
 def hertz(axis: Axis) -> None:
-    """Ticks of a logarithmic axis of frequencies, as far as its limits go."""
+    """Ticks of a logarithmic axis of frequencies, as far as its limits go.
+
+    Parameters
+    ----------
+    axis : Axis
+        Logarithmic.
+    """
     low, high = axis.get_view_interval()
     numbers_at(axis, [t for t in HERTZ if low <= t <= high])
 
 
 def highest_shown(values: Sequence[float]) -> float:
-    """Upper end of an axis of ratios: 2, 10, 30, 100 or 300, so that the pictures of two runs mostly have the same."""
+    """Upper end of an axis of ratios: 2, 10, 30, 100 or 300, so that the pictures of two runs mostly have the same.
+
+    Parameters
+    ----------
+    values : sequence of float
+        That are drawn.
+    """
     top = max([*values, 1.0])
     return next((end for end in (2.0, 10.0, 30.0, 100.0, 300.0) if top < 0.95 * end), 1.3 * top)
 
@@ -224,7 +262,13 @@ def save(picture: Figure, path: Path) -> Path:
 
 
 def in_own_words(picture: Figure) -> Figure:
-    """The figure in words and units of its axis: what is drawn stays, numbers along an axis are multiplied where they are written."""
+    """The figure in words and units of its axis: what is drawn stays, numbers along an axis are multiplied where they are written.
+
+    Parameters
+    ----------
+    picture : Figure
+        Changed in place.
+    """
     terms = picture_terms()
     if terms:
         for axes in picture.get_axes():

@@ -38,7 +38,18 @@ _SIDES: Mapping[str, tuple[float, Any, tuple[float, float], tuple[str, str]]] = 
 
 
 def drawn(axis: Axis) -> list[Text]:
-    """Grid, marks and numbers where the axis has its ticks; returns the numbers.   The limits must not change any more."""
+    """Grid, marks and numbers drawn where the axis has its ticks.   The limits must not change any more.
+
+    Parameters
+    ----------
+    axis : Axis
+        Of a figure.
+
+    Returns
+    -------
+    list of Text
+        The numbers.
+    """
     axes = axis.axes
     across = isinstance(axis, XAxis)
     formatter = axis.get_major_formatter()
@@ -69,7 +80,13 @@ def drawn(axis: Axis) -> list[Text]:
 
 
 def without(axis: Axis) -> None:
-    """Let the ticks go, of all axes that share this one."""
+    """Let the ticks go, of all axes that share this one.
+
+    Parameters
+    ----------
+    axis : Axis
+        Of a figure.
+    """
     axis.set_major_locator(NullLocator())
     axis.set_minor_locator(NullLocator())
     axis.offsetText.set_visible(False)

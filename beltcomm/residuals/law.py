@@ -49,6 +49,8 @@ def curve_of(cells: Cells, there: BoolArray, torque: Array, missing: Array) -> L
 
     Parameters
     ----------
+    cells : Cells
+        Of the residual.
     there : ndarray
         Cells that have one.
     torque, missing : ndarray

@@ -104,7 +104,24 @@ class MovePrediction(Described):
 
 
 def predict(folder: RunFolder, payload_kg: float, asked: dict[str, float]) -> MovePrediction:
-    """The move that was asked for, or the axis's own, with the run's model and gains.   Raises as the design tab of the page."""
+    """The move that was asked for, or the axis's own, predicted with the run's model and gains.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    payload_kg : float, kg
+        Mounted beyond that of the records.
+    asked : dict of str to float
+        Entries of :func:`beltcomm.app.design.move_between`; empty for the axis's own.
+
+    Raises
+    ------
+    UsageError
+        For a move that cannot be.
+    DataError
+        Without a model or a design.
+    """
     ground = ground_of(basis_of(folder.path, Silence()), saved_design(folder))
     bench = Bench(ground)
     if asked:

@@ -150,6 +150,13 @@ def thesis_fit(response: FrequencyResponse, model: Model, solver: Solver = "lm")
 def dead_time_of(recordings: Sequence[Recording], highest_hz: float) -> DeadTime:
     """Delay from torque setpoint to acting torque, from the record with the most periods.
 
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Of a run.
+    highest_hz : float, Hz
+        Up to which lines count.
+
     Raises
     ------
     DataError

@@ -63,7 +63,15 @@ def records_of(folder: RunFolder) -> Checked:
 
 
 def with_remarks_on_rest(folder: RunFolder, records: Checked) -> Checked:
-    """The records with what was left out among the remarks."""
+    """The records of a run with what was left out of them among the remarks.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
+    records : Checked
+        Checked.
+    """
     return replace(records, remarks=(*folder.remarks, *records.remarks))
 
 

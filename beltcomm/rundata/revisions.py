@@ -169,6 +169,11 @@ def trusted_model(folder: RunFolder) -> tuple[Model | None, str, str]:
     """The model a design may rest on: the current one, or the last before it that held-out records did not contradict.
 
     Returns the model (None when nothing was fitted yet), the name of its revision ("" where it is none), and a sentence ("" likewise).
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run folder.
     """
     rung = current_revision(folder)
     if rung is None:

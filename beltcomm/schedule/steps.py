@@ -138,6 +138,13 @@ class Step:
 def checked_step(entry: Any, where: str) -> Step:
     """A step from a plan file.
 
+    Parameters
+    ----------
+    entry : Any
+        As read from the file.
+    where : str
+        Its place in the file, for the sentence.
+
     Raises
     ------
     UsageError

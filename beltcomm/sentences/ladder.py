@@ -65,7 +65,17 @@ def trial_line(candidate: Candidate) -> str:
 
 
 def candidate_rows(found: Diagnosis, most: int, indent: str = "") -> list[Row]:
-    """Table of the effects that were on trial first, best first."""
+    """Table of the effects that were on trial first, best first.
+
+    Parameters
+    ----------
+    found : Diagnosis
+        The diagnosis.
+    most : int
+        Rows.
+    indent : str
+        Before each line.
+    """
     shown = [c for c in (found.steps[0].candidates if found.steps else ()) if c.fitted is not None][:most]
     rows = [
         [
@@ -261,7 +271,15 @@ def effect_lines(effect: Effect, model: Model) -> list[str]:
 
 
 def number_lines(effect: Effect, model: Model) -> list[str]:
-    """Its parameters with their intervals."""
+    """Parameters of an effect with their intervals, a line each.
+
+    Parameters
+    ----------
+    effect : Effect
+        The effect.
+    model : Model
+        With the effect and its intervals.
+    """
     lines, elsewhere = [], _body_lines(effect, model)
     for name, parameter in effect_parameters(effect).items():
         item = model.parameters[name]

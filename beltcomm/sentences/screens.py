@@ -56,7 +56,17 @@ def headline_lines(headline: Headline) -> list[Line]:
 
 
 def state_lines(word: str, sentence: str, style: str) -> list[Line]:
-    """First lines of an answer."""
+    """First lines of an answer: its state, and a sentence that is broken where it is long.
+
+    Parameters
+    ----------
+    word : str
+        Of the state.
+    sentence : str
+        Beside it.
+    style : str
+        Of the word.
+    """
     first, *more = wrap(sentence, WIDE - len(word) - 5, break_on_hyphens=False) or [""]
     return [
         Line("  ", (word, style), "   ", (first, "title")),
@@ -112,7 +122,17 @@ def _error_row(
 
 
 def axis_lines(model: Model, at_m: float, delay_s: float | None = None) -> list[Line]:
-    """Axis in lines: mass, belt, friction at the carriage, resonances for a place."""
+    """Axis in lines: mass, belt, friction at the carriage, resonances for a place.
+
+    Parameters
+    ----------
+    model : Model
+        Of the axis.
+    at_m : float, m
+        Carriage on the axis.
+    delay_s : float or None, s
+        Of the torque path; None leaves it out.
+    """
     ratio = model["transmission.ratio"]
     coulomb = model.get("coulomb.level") / ratio + model.get("cart_friction.level")
     viscous = model.get("viscous.damping") / ratio**2 + model.get("viscous_cart.damping")

@@ -61,7 +61,15 @@ def path_data(path: TorquePath, sample_s: float) -> dict[str, Any]:
 
 
 def path_lines(path: TorquePath | None, sample_s: float) -> list[str]:
-    """Torque path of the drive, one line, and a second where the records do not tell it; empty for an ideal drive."""
+    """Torque path of the drive, one line, and a second where the records do not tell it; empty for an ideal drive.
+
+    Parameters
+    ----------
+    path : TorquePath or None
+        None for an ideal drive.
+    sample_s : float, s
+        Sampling period of the records.
+    """
     if path is None:
         return []
     said = words_of(path, sample_s)
@@ -109,7 +117,13 @@ def words_of(path: TorquePath, sample_s: float) -> str:
 
 
 def process_lines(path: TorquePath | None) -> list[str]:
-    """Torque that acts beside the setpoint, one line; empty where next to nothing does."""
+    """Torque that acts beside the setpoint, one line; empty where next to nothing does.
+
+    Parameters
+    ----------
+    path : TorquePath or None
+        None for an ideal drive.
+    """
     process = None if path is None else path.process
     if process is None or process.rms_nm <= process.rms_interval:
         return []

@@ -70,6 +70,10 @@ def model_lines(fit: ModelFit, characteristics: Mapping[str, Characteristic], er
 
     Parameters
     ----------
+    fit : ModelFit
+        With intervals.
+    characteristics : mapping of str to Characteristic
+        By name.
     error : float or None
         Over the noise, in place of the misfit.
     """
@@ -102,7 +106,13 @@ def _named(remark: str) -> str:
 
 
 def thesis_lines(fits: Mapping[str, MagnitudeFit]) -> list[str]:
-    """The log-magnitude fits beside the final one."""
+    """The log-magnitude fits beside the final one.
+
+    Parameters
+    ----------
+    fits : mapping of str to MagnitudeFit
+        By record.
+    """
     if not fits:
         return []
     lines = [

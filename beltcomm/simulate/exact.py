@@ -37,8 +37,14 @@ def exact_record(model: Model, start: Array, torque: Array, period_s: float) -> 
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
     start : ndarray (2 bodies,)
         Positions and speeds.
+    torque : ndarray (n,), N m, motor shaft
+        Each held for a period.
+    period_s : float, s
+        Sampling period.
 
     Returns
     -------

@@ -218,15 +218,27 @@ def rigid_force_n(model: Model, omega_rad_s: Array, period_s: float) -> Array:
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
     omega_rad_s : ndarray (n + 1,)
         Of the motor, at the ends of the periods.
+    period_s : float, s
+        Sampling period.
     """
     weight = GRAVITY_M_S2 * math.sin(model.get("tilt.angle"))
     return np.asarray(np.abs(model["cart.mass"] * (model["transmission.ratio"] * np.diff(omega_rad_s) / period_s + weight)))
 
 
 def at_rest(model: Model, position_m: float) -> BodyStates:
-    """Static equilibrium with the carriage at ``position_m``."""
+    """States of all bodies in static equilibrium.
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+    position_m : float, m
+        Carriage on the axis.
+    """
     positions = equilibrium(model, position_m).positions
     unloaded = np.zeros(states_of(model) - len(positions))
     return BodyStates(np.concatenate([positions, unloaded]), np.zeros_like(positions))
@@ -241,7 +253,24 @@ def _check_period(model: Model, position_m: float, duration_s: float, substeps: 
 
 
 def check_step(model: Model, position_m: float, duration_s: float, substeps: int) -> float:
-    """Rate of the model's fastest motion there, 1/s; UsageError unless ``substeps`` integration steps in ``duration_s`` resolve it."""
+    """Rate of the model's fastest motion at a place, 1/s, which integration steps must resolve.
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+    position_m : float, m
+        Carriage on the axis.
+    duration_s : float, s
+        Divided into the steps.
+    substeps : int
+        Integration steps.
+
+    Raises
+    ------
+    UsageError
+        Where they are too few.
+    """
     _check_period(model, position_m, duration_s, substeps)
     rate = fastest_rate(model, operating_point(model, position_m))
     needed = duration_s * rate / LARGEST_STEP

@@ -21,24 +21,57 @@ LEAST_STEEP = 0.25
 
 
 def late_torque(model: Model, cells: Array, h: float) -> Array:
-    """Torque that acts, averaged over cells of ``h`` seconds, from the reported one in the same cells; (n,) -> (n,), N m."""
+    """Torque that acts, averaged over cells of ``h`` seconds, from the reported one in the same cells; (n,) -> (n,), N m.
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+    cells : ndarray (n,), N m, motor shaft
+        Reported torque.
+    h : float, s
+        Length of a cell.
+    """
     for law, values in _delays(model):
         cells = law(cells, h, *values)
     return cells
 
 
 def is_late(model: Model) -> bool:
-    """True if any effect of the model stands between reported and acting torque."""
+    """True if any effect of the model stands between reported and acting torque.
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+    """
     return bool(_delays(model))
 
 
 def memory_s(model: Model) -> float:
-    """Memory of the torque path, s."""
+    """Time after which the torque path has forgotten a torque, s.
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+    """
     return sum(_FORGOTTEN * abs(value) for _, values in _delays(model) for value in values)
 
 
 def angle_sensor(model: Model) -> Callable[[float], float]:
-    """The angle a sensor shows for a true one, rad; the laws give the error at the angle shown, so it is found by Newton's iteration."""
+    """The angle a sensor shows for a true one, rad; the laws give the error at the angle shown, so it is found by Newton's iteration.
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+
+    Returns
+    -------
+    callable
+        From the true angle to the one shown, rad, motor shaft.
+    """
     laws = [
         (effect.law, effect.slope, _values(model, effect))
         for effect in model.effect_list()

@@ -144,7 +144,15 @@ class LoopRun:
 
 
 def waiting_torque(cascade: Cascade, drive: LoopDrive) -> Array:
-    """Torque setpoints that do not act yet, N m: those that held the axis before."""
+    """Torque setpoints that do not act yet, N m: those that held the axis before.
+
+    Parameters
+    ----------
+    cascade : Cascade
+        With the torque that holds the axis.
+    drive : LoopDrive
+        With delay and period.
+    """
     return np.full(math.floor(drive.delay_s / drive.period_s + _NO_TIME_S) + 1, cascade.feedforward.offset_nm)
 
 

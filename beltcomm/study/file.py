@@ -96,6 +96,8 @@ def load_study(name: str | Path, doing: Doing | None = None) -> Study:
 
     Parameters
     ----------
+    name : str or Path
+        Of a shipped study, or a path.
     doing : Doing or None
         The commands for studies that need one.
 

@@ -188,7 +188,15 @@ def diagnosis_quantities(made: Mapping[str, Any], hidden: str | None) -> dict[st
 
 
 def lines_of(work: Work, members: Sequence[tuple[int, str, Values]]) -> list[dict[str, Any]]:
-    """A line of ``members.jsonl`` for each (number, key, values); a member that fails has its exit code and sentence for a result."""
+    """A line of ``members.jsonl`` for each (number, key, values); a member that fails has its exit code and sentence for a result.
+
+    Parameters
+    ----------
+    work : Work
+        That is done for each member.
+    members : sequence of tuple of int, str and Values
+        Number, key and drawn values.
+    """
     return [line_of(work, *member) for member in members]
 
 
@@ -201,6 +209,19 @@ def _of_the_member(error: OSError | MemoryError, values: Values) -> bool:
 
 def line_of(work: Work, number: int, key: str, values: Values, folder: Path | None = None) -> dict[str, Any]:
     """One line.
+
+    Parameters
+    ----------
+    work : Work
+        That is done for each member.
+    number : int
+        Of the member.
+    key : str
+        Of the member's values.
+    values : Values
+        Drawn for the member.
+    folder : Path or None
+        Of its files; None keeps none.
 
     Raises
     ------

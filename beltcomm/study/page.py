@@ -32,8 +32,14 @@ def study_page(asked: Study, summary: Summary, lines: Sequence[Line], command: s
 
     Parameters
     ----------
+    asked : Study
+        The study.
+    summary : Summary
+        Of the study.
     lines : sequence of Line
         Of all members that have been computed, by number.
+    command : str
+        Command line, for caption and next steps.
     """
     caption = Caption(command, f"{summary.done} of {summary.planned} members; base: {asked.base}")
     by_number = {int(line["member"]): line for line in lines}

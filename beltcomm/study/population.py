@@ -123,12 +123,33 @@ class DrawnAxis:
 
 
 def nominal_of(model: Model, delay_s: float, start_m: float) -> dict[str, float]:
-    """Nominal values of all that a population can draw."""
+    """Nominal values of all that a population can draw.
+
+    Parameters
+    ----------
+    model : Model
+        Of the axis.
+    delay_s : float, s
+        Of the drive.
+    start_m : float, m
+        Begin of the move.
+
+    Returns
+    -------
+    dict of str to float
+        By the names that a study uses.
+    """
     return {**{name: one.value for name, one in model.parameters.items()}, "payload": 0.0, "drive.delay": delay_s, "move.from": start_m}
 
 
 def units_of(model: Model) -> dict[str, str]:
-    """Of all that a population can draw."""
+    """Units of all that a population can draw, by name.
+
+    Parameters
+    ----------
+    model : Model
+        Of the axis.
+    """
     return {**{name: one.unit for name, one in model.parameters.items()}, **BESIDE}
 
 
@@ -136,6 +157,19 @@ def drawn_axis(population: Population, values: Values, model: Model, delay_s: fl
     """The axis that has these values where it differs from the base.
 
     Age acts on the drawn value, the payload is added to the carriage; what is beyond the bounds of a parameter stands on the bound.
+
+    Parameters
+    ----------
+    population : Population
+        Of which the values were drawn.
+    values : Values
+        Of the member.
+    model : Model
+        Of the axis.
+    delay_s : float, s
+        Of the drive of the base.
+    start_m : float, m
+        Begin of the move of the base.
 
     Raises
     ------
@@ -164,6 +198,15 @@ def drawn_axis(population: Population, values: Values, model: Model, delay_s: fl
 
 def population_from(data: Mapping[str, Any], model: Model, seed: int) -> Population:
     """The population of a study file: its entries ``population``, ``ageing`` and ``hidden``.
+
+    Parameters
+    ----------
+    data : mapping of str to Any
+        Content of the file.
+    model : Model
+        Of the axis.
+    seed : int
+        Of the draws.
 
     Raises
     ------

@@ -130,6 +130,10 @@ def summary_of(lines: Sequence[Line], planned: int, targets: Mapping[str, float]
 
     Parameters
     ----------
+    lines : sequence of Line
+        Of the members that have been computed.
+    planned : int
+        Members of the study.
     targets : dict of str to float
         By result, the value it is to stay below; what is worst is told by them.
     nominal : dict of str to float
@@ -245,5 +249,11 @@ def _worst(lines: Sequence[Line], targets: Mapping[str, float]) -> tuple[int, ..
 
 
 def is_number(value: Any) -> bool:
-    """True for a finite number that is no bool."""
+    """True for a finite number that is no bool.
+
+    Parameters
+    ----------
+    value : Any
+        Of any type.
+    """
     return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)

@@ -75,6 +75,13 @@ def track(ground: SharedInput, axis: DrawnAxis) -> dict[str, Any]:
     Keys end in their unit; ``*_cart`` at the carriage; margins are the worst of both ends of the move and every damping down to none.
     passed : both targets kept, and every loop stable.
 
+    Parameters
+    ----------
+    ground : SharedInput
+        What all members share.
+    axis : DrawnAxis
+        Of the member.
+
     Raises
     ------
     Refused

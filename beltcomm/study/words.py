@@ -43,31 +43,61 @@ DRIVERS = 2
 
 
 def title_of(key: str) -> tuple[str, str, float]:
-    """Words, unit, factor."""
+    """Words of a result, its unit and the factor to it from SI.
+
+    Parameters
+    ----------
+    key : str
+        Of the result.
+    """
     if key.startswith("off "):
         return f"{key.removeprefix('off ')} is off by, SI", "", 1.0
     return TITLES.get(key, (key, "", 1.0))
 
 
 def share_words(share: Share) -> str:
-    """Such as "meet their targets" or "the interval of cart.mass covers the truth"."""
+    """Words for a share, such as "meet their targets" or "the interval of cart.mass covers the truth".
+
+    Parameters
+    ----------
+    share : Share
+        Of the members.
+    """
     if share.key.startswith("covers "):
         return f"intervals of {share.key.removeprefix('covers ')} cover the truth"
     return SHARES.get(share.key, share.key)
 
 
 def share_text(share: Share) -> str:
-    """Share, interval and counts."""
+    """A share in per cent with its interval and counts.
+
+    Parameters
+    ----------
+    share : Share
+        Of the members.
+    """
     return f"{per_cent(share.share)} % (95 %: {per_cent(share.low)} to {per_cent(share.high)} %; {share.count} of {share.of})"
 
 
 def per_cent(share: float) -> str:
-    """With as many digits as matter near 0 and 100 %."""
+    """A share in per cent, with as many digits as matter near 0 and 100 %.
+
+    Parameters
+    ----------
+    share : float
+        0 to 1.
+    """
     return f"{100.0 * share:.4g}" if share > 0.99 else f"{100.0 * share:.3g}"
 
 
 def headline(summary: Summary) -> str:
-    """The first sentence."""
+    """First sentence on a study.
+
+    Parameters
+    ----------
+    summary : Summary
+        Of the study.
+    """
     share = summary.share("passed")
     named, left = summary.share("hidden effect named"), summary.share("healthy left alone")
     if share is not None:
@@ -82,20 +112,38 @@ def headline(summary: Summary) -> str:
 
 
 def answer_row(one: Answers) -> tuple[str, str]:
-    """Hidden effect with its number of members, and the effects named of them."""
+    """Hidden effect with its number of members, and the effects named of them.
+
+    Parameters
+    ----------
+    one : Answers
+        Of the diagnoses of one hidden effect.
+    """
     hidden = {"": "all", NOTHING: "healthy"}.get(one.hidden, f"hidden {one.hidden}")
     return f"{hidden}, {one.of} member{'s' if one.of > 1 else ''}", ", ".join(f"{named} {count}" for named, count in one.named.items())
 
 
 def spread_row(one: QuantitySpread) -> tuple[str, str, str, str, str, str]:
-    """Words, three quantiles, the worst, its member; each number with its unit."""
+    """Words, three quantiles, the worst, its member; each number with its unit.
+
+    Parameters
+    ----------
+    one : QuantitySpread
+        Of one result.
+    """
     name, unit, factor = title_of(one.key)
     low, middle, high, worst = (f"{factor * value:.3g} {unit}".rstrip() for value in (*one.quantiles, one.worst))
     return name, low, middle, high, worst, str(one.member)
 
 
 def strongest(drivers: Sequence[Driver]) -> list[Driver]:
-    """The strongest of each result among those that chance does not explain."""
+    """The strongest of each result among those that chance does not explain.
+
+    Parameters
+    ----------
+    drivers : sequence of Driver
+        Rank correlations of results and parameters.
+    """
     told = [one for one in drivers if one.excludes_zero]
     return [one for key in dict.fromkeys(one.key for one in told) for one in [same for same in told if same.key == key][:DRIVERS]]
 
@@ -109,7 +157,15 @@ def _driver_text(one: Driver) -> str:
 
 
 def why(line: Mapping[str, Any], targets: Mapping[str, float]) -> str:
-    """Fault of a member; of an error the first sentence."""
+    """Fault of a member; of an error the first sentence.
+
+    Parameters
+    ----------
+    line : mapping of str to Any
+        Of the member.
+    targets : mapping of str to float, SI
+        By result.
+    """
     if "error" in line:
         return f"no result: {str(line['error']).split('. ')[0]}"
     found = line["found"]
@@ -123,12 +179,32 @@ def why(line: Mapping[str, Any], targets: Mapping[str, float]) -> str:
 
 
 def values_text(asked: Study, values: Mapping[str, Any]) -> str:
-    """Values of a member, short."""
+    """Values of a member, short.
+
+    Parameters
+    ----------
+    asked : Study
+        The study.
+    values : mapping of str to Any
+        Drawn for the member.
+    """
     return ", ".join(f"{name} {_value_words(value, 4)} {_unit(asked, name)}".rstrip() for name, value in values.items())
 
 
 def summary_lines(asked: Study, summary: Summary, lines: Sequence[Mapping[str, Any]], file: str) -> list[str]:
-    """Everything for people."""
+    """Findings of a whole study in words.
+
+    Parameters
+    ----------
+    asked : Study
+        The study.
+    summary : Summary
+        Of the study.
+    lines : sequence of mapping of str to Any
+        Of all members.
+    file : str
+        Of the study.
+    """
     by_number = {int(line["member"]): line for line in lines}
     text = [headline(summary), f"  {summary.done} of {summary.planned} members of {asked.name}; base: {asked.base}"]
     text += [f"  {share_words(one)}: {share_text(one)}" for one in summary.shares]
@@ -159,7 +235,15 @@ def summary_lines(asked: Study, summary: Summary, lines: Sequence[Mapping[str, A
 
 
 def member_lines(line: Mapping[str, Any], asked: Study) -> list[str]:
-    """One member."""
+    """One member of a study in words.
+
+    Parameters
+    ----------
+    line : mapping of str to Any
+        Of the member.
+    asked : Study
+        The study.
+    """
     text = [
         f"Member {line['member']} of {asked.name}:",
         *(f"  {name}: {_value_words(value)} {_unit(asked, name)}".rstrip() for name, value in line["values"].items()),

@@ -39,10 +39,16 @@ def answers(
 
     Parameters
     ----------
+    function : callable
+        Of one of ``given``.
+    given : sequence of Given
+        Arguments, one for each call.
     workers : int or None
         Processes of this machine, 1 for this one alone, None for one per processor.
     scheduler : str or None
         Address of a Dask scheduler in their place.
+    talk : Talk
+        Hears progress and answers questions.
     alone_s : float
         So long a cluster may be without any worker.
 

@@ -165,7 +165,15 @@ def compare() -> ClosedLoopStudy:
 
 
 def gains(rig: str, kind: PrefilterKind) -> Cascade:
-    """Published gains with their prefilter; without one those that solve the same conditions (5.1).   The plain cascade of the source."""
+    """Published gains with their prefilter; without one those that solve the same conditions (5.1).   The plain cascade of the source.
+
+    Parameters
+    ----------
+    rig : str
+        Name of the plant.
+    kind : PrefilterKind
+        Of the prefilter.
+    """
     solved = thesis_design(design_plant(rig), kind).cascade
     if kind in PUBLISHED and rig == "g_a":
         kp, ki, kpp = PUBLISHED[kind]

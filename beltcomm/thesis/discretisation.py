@@ -94,6 +94,12 @@ def ratio(part: str, cascade: Cascade, omega_rad_s: Array, period_s: float) -> t
     ----------
     part : str
         Of ``PARTS``.
+    cascade : Cascade
+        The controller.
+    omega_rad_s : ndarray (n,), rad/s
+        Above 0.
+    period_s : float, s
+        T of the controller.
 
     Raises
     ------
@@ -114,7 +120,17 @@ def ratio(part: str, cascade: Cascade, omega_rad_s: Array, period_s: float) -> t
 
 
 def differences_of(plant: DesignPlant, design: ThesisDesign, period_s: float) -> Iterator[DiscretisationError]:
-    """Of each part of a design, at its crossover and at the resonance."""
+    """Difference of each discrete part of a design from the continuous one, at the crossover and at the resonance.
+
+    Parameters
+    ----------
+    plant : DesignPlant
+        With its dead time.
+    design : ThesisDesign
+        Continuous.
+    period_s : float, s
+        T of the controller.
+    """
     kind = design.cascade.prefilter.kind
     for part in PARTS:
         name = f"{kind} filter" if part == "prefilter" else f"{part}, {kind} design"
@@ -130,7 +146,17 @@ def differences_of(plant: DesignPlant, design: ThesisDesign, period_s: float) ->
 
 
 def loop_margins(plant: DesignPlant, design: ThesisDesign, period_s: float) -> LoopMargins:
-    """Margins of a design in a loop of T, beside those of the continuous one."""
+    """Margins of a design in a loop of T, beside those of the continuous one.
+
+    Parameters
+    ----------
+    plant : DesignPlant
+        With its dead time.
+    design : ThesisDesign
+        Continuous.
+    period_s : float, s
+        T of the controller.
+    """
     cascade, kind = design.cascade, design.cascade.prefilter.kind
     continuous = thesis_margins(plant, cascade)
     try:
@@ -161,7 +187,17 @@ def lines(study: Discretisation) -> list[str]:
 
 
 def difference_lines(name: str, plant: DesignPlant, differences: Sequence[DiscretisationError]) -> list[str]:
-    """Table of the parts."""
+    """Differences of the parts as a table.
+
+    Parameters
+    ----------
+    name : str
+        Of the design, for the title.
+    plant : DesignPlant
+        With its dead time.
+    differences : sequence of DiscretisationError
+        In their order.
+    """
     resonance = f"{plant.resonance_rad_s / math.tau:.1f} Hz"
     text = [f"Discrete over continuous, at the crossover and at the resonance ({resonance}) of {name}; error |G_d/G_c - 1| and its bound:"]
     text.append(f"  {'':36} {'T':>7} {'at':10} {'gain':>10} {'phase':>11} {'error':>9} {'bound':>9}")
@@ -175,7 +211,13 @@ def difference_lines(name: str, plant: DesignPlant, differences: Sequence[Discre
 
 
 def loop_lines(loops: Sequence[LoopMargins]) -> list[str]:
-    """Table of the margins."""
+    """Margins of the loops as a table.
+
+    Parameters
+    ----------
+    loops : sequence of LoopMargins
+        In their order.
+    """
     text = [
         "What that costs: margins of the continuous loop, and of the sampled loop with its hold (design and drive use this one):",
         f"  {'':12} {'T':>7} {'velocity':>18} {'lost':>9} {'expected':>9} {'position':>18} {'suppression':>22}",

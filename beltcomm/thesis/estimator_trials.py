@@ -39,7 +39,22 @@ class MethodErrors:
 
 
 def steady_errors(speed_m_s: float, settings: EstimatorSettings, flaws: Flaws | None = None) -> Mapping[str, MethodErrors]:
-    """Errors of the four methods at speeds within 1 % of ``speed_m_s``, after three increments."""
+    """Errors of the four methods at speeds within 1 % of ``speed_m_s``, after three increments.
+
+    Parameters
+    ----------
+    speed_m_s : float, m/s
+        Of the carriage.
+    settings : EstimatorSettings
+        Increment, m, tick, period and lags, s.
+    flaws : Flaws or None
+        Of the encoder; None for an ideal one.
+
+    Returns
+    -------
+    mapping of str to MethodErrors
+        By method.
+    """
     found: dict[str, list[Array]] = {name: [] for name in METHODS}
     step, period = settings.increment_m, settings.period_s
     for k, factor in enumerate(NEARBY):
@@ -88,7 +103,13 @@ class SpeedTable:
 
 
 def speed_table(settings: EstimatorSettings) -> SpeedTable:
-    """Worst and rms error of the methods over speed, and what the formulas say."""
+    """Worst and rms error of the methods over speed, and what the formulas say.
+
+    Parameters
+    ----------
+    settings : EstimatorSettings
+        Increment, m, tick, period and lags, s.
+    """
     rows = [steady_errors(v, settings) for v in SPEEDS]
     step, tick, period, lag = settings.increment_m, settings.tick_s, settings.period_s, settings.lag_s
     # The speeds tried lie within 1 %; a bound over them is taken where it is loosest.
@@ -132,7 +153,13 @@ class Debouncing:
 
 
 def standstill_shaking(settings: EstimatorSettings) -> Debouncing:
-    """The axis stands and shakes by ±0.3 increments at 200 Hz across a line; 24 places of the line within the shaking, 0.1 s each."""
+    """Trial of debouncing: the axis stands and shakes by ±0.3 increments at 200 Hz across a line, at 24 places of it, 0.1 s each.
+
+    Parameters
+    ----------
+    settings : EstimatorSettings
+        Increment, m, tick, period and lags, s.
+    """
     size_m, pulse = 0.3 * INCREMENT_M, 2.0 * np.pi * 200.0
 
     def motion(place: float) -> Motion:
@@ -143,7 +170,13 @@ def standstill_shaking(settings: EstimatorSettings) -> Debouncing:
 
 
 def debouncing_at_speed(settings: EstimatorSettings) -> Debouncing:
-    """Constant speed, up to three contact bounces of 20 us after each edge: largest deviation from the speed, by method."""
+    """Trial of debouncing at constant speed, up to three contact bounces of 20 µs after each edge: largest deviation, by method.
+
+    Parameters
+    ----------
+    settings : EstimatorSettings
+        Increment, m, tick, period and lags, s.
+    """
     speed_m_s, flaws = 0.01, Flaws(bounces=3, bounce_s=2e-5, seed=1)
     edges = edges_of(_steady(0.4 * settings.increment_m, speed_m_s), 0.2, flaws=flaws)
     return _debouncing_trial([edges], settings, 0.2, speed_m_s, speed_m_s)
@@ -187,7 +220,15 @@ class Reversal:
 
 
 def reversal(settings: EstimatorSettings, deceleration_m_s2: float = 1.0) -> Reversal:
-    """(6.1): debouncing delays a sign reversal by one increment."""
+    """Trial of (6.1): debouncing delays a sign reversal by one increment.
+
+    Parameters
+    ----------
+    settings : EstimatorSettings
+        Increment, m, tick, period and lags, s.
+    deceleration_m_s2 : float, m/s²
+        Of the carriage.
+    """
     early, step = 0.05, settings.increment_m
     ways: dict[bool, list[float]] = {True: [], False: []}
     late: dict[bool, list[float]] = {True: [], False: []}
@@ -240,7 +281,13 @@ class StopTrial:
 
 
 def stop(period_s: float) -> StopTrial:
-    """The velocity jumps to zero just after an increment."""
+    """Trial of a velocity that jumps to zero just after an increment.
+
+    Parameters
+    ----------
+    period_s : float, s
+        T_s.
+    """
     speed = INCREMENT_M / period_s
     duration = 12.0 * period_s
     # An increment at -0.5 T_s, 0.5 T_s, 1.5 T_s; a gap must be known when the record begins, so it begins 4 T_s early.
@@ -262,7 +309,15 @@ _EXTENSIONS: tuple[Extension, ...] = ("none", "printed", "bounded")
 
 
 def extension_errors(settings: EstimatorSettings, speed_m_s: float) -> Mapping[str, MethodErrors]:
-    """Errors of the gate at constant speed below Δξ/T_s by extension."""
+    """Errors of the gate at constant speed below Δξ/T_s by extension.
+
+    Parameters
+    ----------
+    settings : EstimatorSettings
+        Increment, m, tick, period and lags, s.
+    speed_m_s : float, m/s
+        Of the carriage.
+    """
     return {name: steady_errors(speed_m_s, replace(settings, extension=name))["gate"] for name in _EXTENSIONS}
 
 
@@ -270,7 +325,15 @@ _SWITCHINGS: tuple[Switching, ...] = ("printed", "guarded")
 
 
 def switching_errors(settings: EstimatorSettings, ratios: Sequence[float]) -> Mapping[str, Array]:
-    """Worst errors of the combination, percent, at increments per period ``ratios``, by switching."""
+    """Worst errors of the combination, percent, at increments per period ``ratios``, by switching.
+
+    Parameters
+    ----------
+    settings : EstimatorSettings
+        Increment, m, tick, period and lags, s.
+    ratios : sequence of float
+        Increments per period.
+    """
     speeds = [r * settings.increment_m / settings.period_s for r in ratios]
     return {name: np.array([steady_errors(v, replace(settings, switching=name))["combined"].worst for v in speeds]) for name in _SWITCHINGS}
 
@@ -286,7 +349,17 @@ class Delay:
 
 
 def delays(settings: EstimatorSettings, speed_m_s: float, acceleration_m_s2: float) -> Mapping[str, Delay]:
-    """Delays of the methods while the axis accelerates from rest through ``speed_m_s`` ± 5 %, and the least and largest of the formulas."""
+    """Delays of the methods while the axis accelerates from rest through ``speed_m_s`` ± 5 %, and the least and largest of the formulas.
+
+    Parameters
+    ----------
+    settings : EstimatorSettings
+        Increment, m, tick, period and lags, s.
+    speed_m_s : float, m/s
+        Of the carriage.
+    acceleration_m_s2 : float, m/s²
+        Of the carriage.
+    """
     end = 1.05 * speed_m_s / acceleration_m_s2
     late: dict[str, list[Array]] = {"high_pass": [], "event_counter": [], "gate": []}
     for k in range(16):
@@ -311,7 +384,19 @@ def delays(settings: EstimatorSettings, speed_m_s: float, acceleration_m_s2: flo
 
 
 def record_of(motion: Motion, duration_s: float, settings: EstimatorSettings, start_velocity_m_s: float = 0.0) -> Velocities:
-    """A motion seen by the encoder of ``settings`` and read by the four methods."""
+    """A motion seen by the encoder of ``settings`` and read by the four methods.
+
+    Parameters
+    ----------
+    motion : Motion, m
+        Position over time.
+    duration_s : float, s
+        Of the record.
+    settings : EstimatorSettings
+        Increment, m, tick, period and lags, s.
+    start_velocity_m_s : float, m/s
+        That the lags read before.
+    """
     edges = edges_of(motion, duration_s, increment_m=settings.increment_m, tick_s=settings.tick_s)
     return velocities(edges, settings, duration_s, start_velocity_m_s=start_velocity_m_s)
 
@@ -329,7 +414,13 @@ class States:
 
 
 def states(speed_m_s: float = 0.02) -> States:
-    """Forward, a bounce, a stop that shakes across a line, and back."""
+    """States of the decoder during a motion: forward, a bounce, a stop that shakes across a line, and back.
+
+    Parameters
+    ----------
+    speed_m_s : float, m/s
+        Of the carriage.
+    """
     gap = INCREMENT_M / speed_m_s
 
     def motion(t: Array) -> Array:
@@ -350,7 +441,15 @@ def states(speed_m_s: float = 0.02) -> States:
 
 
 def apart_rms_percent(speed_m_s: float, period_s: float) -> float:
-    """Rms difference of the event counter from the plain difference (6.9) at constant speed, percent of it."""
+    """Rms difference of the event counter from the plain difference (6.9) at constant speed, percent of it.
+
+    Parameters
+    ----------
+    speed_m_s : float, m/s
+        Of the carriage.
+    period_s : float, s
+        T_s.
+    """
     settings = EstimatorSettings(period_s=period_s, lag_s=0.0, tick_s=TICK_S)
     parts = []
     for k, factor in enumerate(NEARBY):

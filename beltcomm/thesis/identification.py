@@ -371,8 +371,16 @@ def scatter_of_mean(
 
     Parameters
     ----------
+    torque : ndarray (n,), N m, motor shaft
+        Of the record.
+    position : ndarray (n,), rad, motor shaft
+        Of the record.
+    period_s : float, s
+        Sampling period.
     periods : tuple of int
         First sample, samples of a period, periods; n goes as far as two means of n periods are there.
+    low_hz, high_hz : float, Hz
+        Ends of the band.
     """
     first, period, repeats = periods
     speed = np.diff(position, prepend=position[0])

@@ -118,7 +118,13 @@ def springs() -> dict[str, Array]:
 
 
 def two_mass_of(plant: DesignPlant) -> TwoMass:
-    """An axis in the source's form, damping at the belt."""
+    """An axis in the source's form, damping at the belt.
+
+    Parameters
+    ----------
+    plant : DesignPlant
+        With its dead time.
+    """
     ratio = plant.transmission_m_rad
     at_belt = plant.motor_damping_nm_s_rad / ratio**2
     return TwoMass(

@@ -85,14 +85,32 @@ class Task:
 
 
 def step_phase(state: Array, jerk: float, duration: float) -> Array:
-    """(p, v, a) after a time with constant jerk."""
+    """State after a time with constant jerk.
+
+    Parameters
+    ----------
+    state : ndarray (3,)
+        p, v, a.
+    jerk : float
+        Constant.
+    duration : float
+        In the unit of time of the state.
+    """
     p, v, a = state
     t = duration
     return np.array([p + t * (v + t * (a / 2.0 + t * jerk / 6.0)), v + t * (a + t * jerk / 2.0), a + t * jerk])
 
 
 def states(start: Array, jerks: Sequence[float] | Array, durations: Sequence[float] | Array) -> Array:
-    """(p, v, a) at the beginning of each phase and at the end of the last, (n + 1, 3)."""
+    """(p, v, a) at the beginning of each phase and at the end of the last, (n + 1, 3).
+
+    Parameters
+    ----------
+    start : ndarray (3,)
+        p, v, a.
+    jerks, durations : sequence of float or ndarray (n,)
+        Of the phases.
+    """
     found = [start]
     for jerk, duration in zip(jerks, durations, strict=True):
         found.append(step_phase(found[-1], float(jerk), float(duration)))
@@ -103,6 +121,11 @@ def fastest(task: Task) -> tuple[Array, Array] | None:
     """Durations and jerks of the fastest motion, (7,) and (7,); None where no motion keeps the bounds.
 
     The states at both ends must lie inside the bounds, also for the acceleration to come to zero outside the motion.
+
+    Parameters
+    ----------
+    task : Task
+        States at both ends, and bounds.
     """
     time = task.natural_time()
     if time == 0.0:
@@ -148,6 +171,13 @@ def motion_of_duration(task: Task, duration: float) -> tuple[Array, Array] | Non
     """A motion of a given duration, longer than the fastest: as fast as possible to a constant speed, and from it to the end.
 
     None where no constant speed does it (motions so short that the acceleration never comes to zero).
+
+    Parameters
+    ----------
+    task : Task
+        States at both ends, and bounds.
+    duration : float
+        Longer than that of the fastest.
     """
     begin = np.array([0.0, task.v0, task.a0])
 
@@ -178,7 +208,15 @@ def motion_of_duration(task: Task, duration: float) -> tuple[Array, Array] | Non
 
 
 def softer(task: Task, duration: float) -> tuple[Array, Array] | None:
-    """The fastest motion with less jerk that takes a given duration; None where the duration jumps over it as the jerk falls."""
+    """The fastest motion with less jerk that takes a given duration; None where the duration jumps over it as the jerk falls.
+
+    Parameters
+    ----------
+    task : Task
+        States at both ends, and bounds.
+    duration : float
+        Longer than that of the fastest.
+    """
 
     def made(share: float) -> tuple[Array, Array] | None:
         return fastest(replace(task, rise=share * task.rise, fall=share * task.fall))

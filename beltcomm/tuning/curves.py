@@ -52,7 +52,17 @@ class Responses:
 
 
 def open_loop_curves(plant: DesignPlant, cascade: Cascade, period_s: float) -> OpenLoops:
-    """Both open loops on a grid that is fine around resonance and antiresonance, up to π/T."""
+    """Both open loops on a grid that is fine around resonance and antiresonance, up to π/T.
+
+    Parameters
+    ----------
+    plant : DesignPlant
+        With its dead time.
+    cascade : Cascade
+        The controller.
+    period_s : float, s
+        T of the controller.
+    """
     omega = frequencies([plant], period_s, _LINES)[0]
     omega = np.unique(omega[omega >= 1.0])
     velocity, position = open_loops(plant, cascade, period_s, omega)
@@ -60,13 +70,31 @@ def open_loop_curves(plant: DesignPlant, cascade: Cascade, period_s: float) -> O
 
 
 def span_s(cascade: Cascade) -> float:
-    """Time within which the loop has settled, from ``SPANS_S``."""
+    """Time within which the loop has settled, from ``SPANS_S``.
+
+    Parameters
+    ----------
+    cascade : Cascade
+        The controller.
+    """
     slowest = max(1.0 / cascade.kpp_1_s, cascade.kp_nm_s_rad / cascade.ki_nm_rad / 3.0)
     return next((span for span in SPANS_S if span >= _TIME_CONSTANTS * slowest), SPANS_S[-1])
 
 
 def responses(plant: DesignPlant, cascade: Cascade, period_s: float, span: float) -> Responses:
-    """Steps at t = 0 of the linear loop, exactly sampled, every so many periods that some 240 are left."""
+    """Steps at t = 0 of the linear loop, exactly sampled, every so many periods that some 240 are left.
+
+    Parameters
+    ----------
+    plant : DesignPlant
+        With its dead time.
+    cascade : Cascade
+        The controller.
+    period_s : float, s
+        T of the controller.
+    span : float, s
+        That is shown.
+    """
     stride = max(round(span / period_s / _MOMENTS), 1)
     count = round(span / period_s / stride) + 1
     matrix, reference, torque = closed_loop_inputs(plant, cascade, period_s)

@@ -121,7 +121,15 @@ class SliderSetting:
 
 
 def key_of(prefilter: Prefilter, centre_rad_s: float) -> str:
-    """Name of a prefilter among those of a run: its kind, and the low-pass behind it as a multiple of its centre."""
+    """Name of a prefilter among those of a run: its kind, and the low-pass behind it as a multiple of its centre.
+
+    Parameters
+    ----------
+    prefilter : Prefilter
+        Of any kind.
+    centre_rad_s : float, rad/s
+        Of its kind.
+    """
     return prefilter.kind if not prefilter.roll_off_rad_s else f"{prefilter.kind}+{prefilter.roll_off_rad_s / centre_rad_s:.0f}"
 
 

@@ -66,7 +66,13 @@ _STATUS_BITS = {
 
 
 def decode(controlword: int) -> Command:
-    """The command in the bits 3 to 0 (a fault reset is an edge and not decoded here)."""
+    """The command in the bits 3 to 0 (a fault reset is an edge and not decoded here).
+
+    Parameters
+    ----------
+    controlword : int
+        6040h.
+    """
     if not controlword & 0x02:
         return Command.DISABLE_VOLTAGE
     if not controlword & 0x04:

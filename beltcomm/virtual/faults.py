@@ -23,7 +23,13 @@ _KINDS: tuple[FrameKind, ...] = (
 
 
 def kind_of(identifier: int) -> FrameKind:
-    """Purpose of a frame, by its identifier; ``life`` is boot-up, heartbeat and node guarding."""
+    """Purpose of a frame, by its identifier; ``life`` is boot-up, heartbeat and node guarding.
+
+    Parameters
+    ----------
+    identifier : int
+        COB-ID of 11 bits.
+    """
     return "sync" if identifier == 0x80 else _KINDS[identifier >> 7 & 0xF]
 
 

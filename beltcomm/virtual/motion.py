@@ -9,7 +9,20 @@ Segment = tuple[float, float]
 
 
 def stop_segments(speed: float, deceleration: float) -> list[Segment]:
-    """Brake to rest."""
+    """Segments of a motion that brakes to rest.
+
+    Parameters
+    ----------
+    speed : float
+        Either way, at the start.
+    deceleration : float
+        In that unit over s.
+
+    Returns
+    -------
+    list of Segment
+        Duration, s, and acceleration.
+    """
     return [(abs(speed) / deceleration, -math.copysign(deceleration, speed))]
 
 
@@ -25,6 +38,10 @@ def trapezoid(distance: float, speed: float, top_speed: float, acceleration: flo
         Signed.
     speed : float, rad/s
         Signed. others > 0.
+    top_speed : float, rad/s
+        At most.
+    acceleration, deceleration : float, rad/s²
+        At most.
     """
     braking = speed * abs(speed) / (2.0 * deceleration)
     if distance == braking:

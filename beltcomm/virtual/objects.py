@@ -35,12 +35,42 @@ def parameter(
     when: Literal["any", "still", "off"] = "any",
     unit: Literal["", "position", "velocity", "acceleration"] = "",
 ) -> ObjectRow:
-    """A row that is written by the host and kept by 1010h."""
+    """A row that is written by the host and kept by 1010h.
+
+    Parameters
+    ----------
+    index, subindex : int
+        Place in the dictionary.
+    kind : str
+        Data type.
+    default : float
+        Raw.
+    meaning : str
+        In words.
+    low, high : float or None
+        Raw; None leaves it to the data type.
+    pdo : str
+        Directions in which it may be mapped.
+    when : str
+        States of the drive in which it may be written.
+    unit : str
+        Quantity that it counts in; "" for none.
+    """
     return ObjectRow(index, subindex, kind, "rw", default, meaning, low, high, pdo, when, stored=True, unit=unit)
 
 
 def communication_rows(node_id: int, name: str, vendor: int, product: int) -> list[ObjectRow]:
-    """CiA 301 objects of a node, without PDOs and without the heartbeat consumer."""
+    """CiA 301 objects of a node, without PDOs and without the heartbeat consumer.
+
+    Parameters
+    ----------
+    node_id : int
+        1 to 126.
+    name : str
+        Of the device.
+    vendor, product : int
+        Of 1018h.
+    """
     rows = [
         ObjectRow(0x1000, 0, "u32", "ro", 0x00020192, "device type: servo drive, CiA 402"),
         ObjectRow(0x1001, 0, "u8", "ro", 0, "error register", pdo="t"),
@@ -86,6 +116,8 @@ def pdo_rows(node_id: int, longest_map: int, event_timer: bool) -> list[ObjectRo
 
     Parameters
     ----------
+    node_id : int
+        1 to 126.
     longest_map : int
         Objects in one PDO.
     event_timer : bool
@@ -112,7 +144,19 @@ def pdo_rows(node_id: int, longest_map: int, event_timer: bool) -> list[ObjectRo
 
 
 def drive_rows(motor: Nameplate, supported_modes: int, quick_stop_codes: frozenset[int], homing_method: int = 37) -> list[ObjectRow]:
-    """CiA 402 objects, except those whose unit or range is the profile's own."""
+    """CiA 402 objects, except those whose unit or range is the profile's own.
+
+    Parameters
+    ----------
+    motor : Nameplate
+        Ratings.
+    supported_modes : int
+        Bits of 6502h.
+    quick_stop_codes : frozenset of int
+        Values that 605Ah takes.
+    homing_method : int
+        Of 6098h.
+    """
     peak = motor.peak_permille
     return [
         ObjectRow(0x603F, 0, "u16", "ro", 0, "error code", pdo="t"),
@@ -153,9 +197,14 @@ def drive_rows(motor: Nameplate, supported_modes: int, quick_stop_codes: frozens
 
 
 def motion_rows(rev_per_s: float, rev_per_s2: float) -> list[ObjectRow]:
-    """Speeds and accelerations, in the profile's units per 1 rev/s and 1 rev/s².
+    """Objects of speeds and accelerations, in the profile's units.
 
     Defaults: 10 rev/s and 100 rev/s² (0.78 m/s and 7.8 m/s² on the thesis's rig), quick stop 200 rev/s², homing slow.
+
+    Parameters
+    ----------
+    rev_per_s, rev_per_s2 : float
+        Raw units per 1 rev/s and 1 rev/s².
     """
     return [
         parameter(0x6081, 0, "u32", round(10 * rev_per_s), "profile velocity", unit="velocity"),

@@ -119,7 +119,13 @@ def _mode_bits(modes: frozenset[int]) -> int:
 
 
 def signs(dictionary: ObjectDictionary) -> tuple[int, int]:
-    """Of position and velocity, by 607Eh."""
+    """Signs of position and velocity by 607Eh.
+
+    Parameters
+    ----------
+    dictionary : ObjectDictionary
+        Of the drive.
+    """
     polarity = dictionary.entry(0x607E).value
     return (-1 if polarity & 0x80 else 1), (-1 if polarity & 0x40 else 1)
 
@@ -144,8 +150,24 @@ def generic_rows(
 
     Parameters
     ----------
+    node_id : int
+        1 to 126.
+    motor : Nameplate
+        Ratings.
+    counts : int
+        Encoder counts per turn.
+    name : str
+        Of the device.
+    vendor, product : int
+        Of 1018h.
+    modes : frozenset of int
+        Of operation.
+    quick_stops : frozenset of int
+        Values that 605Ah takes.
     rev_per_s, rev_per_s2 : float
         Its units in one.
+    longest_map : int
+        Objects in one PDO.
     """
     return [
         *communication_rows(node_id, name, vendor, product),
@@ -353,7 +375,17 @@ CMMP_AS = VirtualProfile(
 
 
 def with_gain_units(profile: VirtualProfile, velocity: float, position: float, integral_time: float = 1.0) -> VirtualProfile:
-    """Profile whose gains of 1.0 mean so many times what docs/reference-drive.md says of them."""
+    """Profile whose gains of 1.0 mean so many times what docs/reference-drive.md says of them.
+
+    Parameters
+    ----------
+    profile : VirtualProfile
+        Whose gains are taken.
+    velocity, position : float
+        Factors of the gains.
+    integral_time : float
+        Factor of the integral time.
+    """
 
     def cascade(dictionary: ObjectDictionary, motor: Nameplate) -> Cascade:
         said = profile.cascade(dictionary, motor)

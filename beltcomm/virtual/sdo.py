@@ -18,7 +18,13 @@ _LONGEST_DOWNLOAD = 64
 
 
 def begun_transfer(request: bytes) -> tuple[int, int, bool] | None:
-    """Index, subindex and whether it reads, of a request that begins a transfer; None for any other."""
+    """Index and subindex of a request that begins a transfer, and True if it reads; None for any other.
+
+    Parameters
+    ----------
+    request : bytes
+        Data of the frame.
+    """
     if len(request) != 8 or request[0] >> 5 not in (_CCS_DOWNLOAD, _CCS_UPLOAD):
         return None
     index, subindex = struct.unpack_from("<HB", request, 1)
@@ -26,7 +32,15 @@ def begun_transfer(request: bytes) -> tuple[int, int, bool] | None:
 
 
 def abort_of(index: int, subindex: int, code: int) -> bytes:
-    """The frame that refuses a transfer."""
+    """The frame that refuses a transfer.
+
+    Parameters
+    ----------
+    index, subindex : int
+        Place in the dictionary.
+    code : int
+        SDO abort code.
+    """
     return struct.pack("<BHBI", _ABORT, index, subindex, code)
 
 

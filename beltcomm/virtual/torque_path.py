@@ -226,7 +226,13 @@ class TorqueReading:
 
 
 def mean_torque(pieces: Iterable[tuple[float, float]]) -> float:
-    """Mean over the tick, N m:  Σ torque · share."""
+    """Mean over the tick, N m:  Σ torque · share.
+
+    Parameters
+    ----------
+    pieces : iterable of tuple of float
+        Torque, N m, and its share of the tick.
+    """
     total = 0.0
     for torque_nm, share in pieces:
         total += share * torque_nm

@@ -81,7 +81,15 @@ class Standing:
 
 
 def pooled(key: str, told: Sequence[MoveEstimate]) -> tuple[float, float]:
-    """A quantity over moves, and its interval."""
+    """A quantity over moves, and its interval.
+
+    Parameters
+    ----------
+    key : str
+        Of the quantity.
+    told : sequence of MoveEstimate
+        By each move.
+    """
     if len(told) == 1:
         return told[0].value, told[0].interval
     return _median(told) if key == ERROR else _mean(told)

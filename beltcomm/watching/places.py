@@ -42,6 +42,8 @@ def friction_at_places(fitted: Fitted, width_m: float) -> dict[int, MoveEstimate
     ----------
     fitted : Fitted
         To moves whose places on the axis are known, what ages free.
+    width_m : float, m
+        Of a place.
     """
     ratio, pieces = fitted.model["transmission.ratio"], fitted.problem.pieces
     places = [_places(piece, ratio, width_m) for piece in pieces]

@@ -47,8 +47,14 @@ def examine_can(
 
     Parameters
     ----------
+    text : str
+        Address, as for ``--drive``.
+    asked_node : int or None
+        Its number; None for any.
     bitrate : int or None
         As asked for, None when it was not.
+    profile : str or None
+        Name or path; None chooses by identity.
     options : Mapping[str, object]
         ``try_bitrates``, ``sync_test``.
     host, opener, clock
@@ -112,8 +118,20 @@ def examine_bus(
 
     Parameters
     ----------
+    bus : BusABC
+        Open.
+    clock : Clock
+        Of the bus.
+    asked_node : int or None
+        Its number; None for any.
     bitrate : int or None
         None when the bus carries any load.
+    profile : str or None
+        Name or path; None chooses by identity.
+    options : mapping of str to Any
+        As of :func:`examine_can`.
+    rtr : bool
+        True if nodes may be asked by remote frames.
     """
     rate = f" at {bitrate // 1000} kbit/s" if bitrate else ""
     try:

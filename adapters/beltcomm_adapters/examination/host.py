@@ -141,7 +141,13 @@ def _comports() -> list[Any]:
 
 
 def group_of(device: str) -> str:
-    """Name of the group that owns a device file, "" where there is none to tell."""
+    """Name of the group that owns a device file, "" where there is none to tell.
+
+    Parameters
+    ----------
+    device : str
+        Path.
+    """
     try:
         return Path(device).group()
     except (OSError, KeyError, NotImplementedError):

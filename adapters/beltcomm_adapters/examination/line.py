@@ -89,8 +89,14 @@ def examine_line(
 
     Parameters
     ----------
+    device : str
+        Path of the port.
     options : Mapping[str, object]
         ``bitrate``, the one baud rate to try.
+    opener : Opener
+        Opens it at a bit rate.
+    clock : Clock or None
+        None for the monotonic one.
     group : callable
         Owner of a device file.
 
@@ -189,6 +195,12 @@ def not_opened(area: str, device: str, error: Exception, group: str) -> Finding:
 
     Parameters
     ----------
+    area : str
+        Of the finding.
+    device : str
+        Path of the port.
+    error : Exception
+        That opening raised.
     group : str
         That owns it.
     """

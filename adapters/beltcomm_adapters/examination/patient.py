@@ -80,7 +80,15 @@ class Check(NamedTuple):
 
 
 def examine(patient: Patient, checks: Iterable[Check]) -> Iterator[Finding]:
-    """Run the checks in order; one that the drive does not answer is a finding, and a lost bus ends them."""
+    """Run the checks in order; one that the drive does not answer is a finding, and a lost bus ends them.
+
+    Parameters
+    ----------
+    patient : Patient
+        Drive that is asked.
+    checks : iterable of Check
+        In their order.
+    """
     for check in checks:
         try:
             yield from check.look(patient)

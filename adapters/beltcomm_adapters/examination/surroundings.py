@@ -54,7 +54,19 @@ def surroundings(
     backends: Callable[[], dict[str, str]] | None = None,
     detect: Callable[[list[str]], list[dict[str, Any]] | None] | None = None,
 ) -> Iterator[Finding]:
-    """Everything found, best first; the arguments stand in for this machine in tests."""
+    """Findings on the interfaces and ports of this machine, best first; the arguments stand in for it in tests.
+
+    Parameters
+    ----------
+    host : Host or None
+        None for this one.
+    list_ports : callable
+        Lists serial ports.
+    backends : callable or None
+        Tells which interfaces of python-can can be imported; None asks it.
+    detect : callable or None
+        Tells which of them have a device; None asks them.
+    """
     host = host or Host()
     reasons = (backends or importable)()
     yield from _socketcan(host)
@@ -102,14 +114,26 @@ def _interface(one: Interface) -> Finding:
 
 
 def bring_up(one: Interface) -> str:
-    """The command that brings an interface up."""
+    """The command that brings an interface up.
+
+    Parameters
+    ----------
+    one : Interface
+        With kind and bit rate.
+    """
     if one.kind in ("vcan", "slcan"):
         return f"sudo ip link set {one.name} up"
     return f"sudo ip link set {one.name} up type can bitrate {one.bitrate or 1_000_000} restart-ms 100"
 
 
 def restart(name: str) -> str:
-    """Remedy for a controller that has gone bus-off."""
+    """Remedy for a controller that has gone bus-off.
+
+    Parameters
+    ----------
+    name : str
+        Of the interface.
+    """
     return (
         "check bit rate, cable (CAN high and low swapped, short circuit) and both terminators, then "
         f"`sudo ip link set {name} down` and up again; `restart-ms 100` makes it come back by itself"
@@ -138,7 +162,13 @@ def _ports(found: list[SerialPortInfo]) -> Iterator[Finding]:
 
 
 def permission(group: str) -> str:
-    """Remedy for a port that this user may not open."""
+    """Remedy for a port that this user may not open.
+
+    Parameters
+    ----------
+    group : str
+        That owns it; "" where that is not known.
+    """
     if group in ("", "root"):
         return "ask who administers this machine for the right to open it (a udev rule)"
     return f"`sudo usermod -aG {group} $USER`, then log out and in again"

@@ -122,7 +122,22 @@ class Heard:
 
 
 def listen(bus: can.BusABC, clock: Clock, seconds: float) -> Heard:
-    """Everything that comes in for so long.  Raises BusError when the interface fails."""
+    """Frames and errors that come in for some time.
+
+    Parameters
+    ----------
+    bus : BusABC
+        Open.
+    clock : Clock
+        Of the bus.
+    seconds : float, s
+        How long.
+
+    Raises
+    ------
+    BusError
+        When the interface fails.
+    """
     heard, end_s = Heard(), clock.now() + seconds
     while True:
         left_s = end_s - clock.now()
@@ -145,17 +160,41 @@ def listen(bus: can.BusABC, clock: Clock, seconds: float) -> Heard:
 
 
 def state_name(state: int) -> str:
-    """An NMT state in words."""
+    """An NMT state in words.
+
+    Parameters
+    ----------
+    state : int
+        As a heartbeat has it.
+    """
     return _STATES.get(state & 0x7F, f"unknown state {state:02X}h")
 
 
 def unreachable(name: str, text: str, remedy: str) -> Finding:
-    """A finding after which nothing more can be asked."""
+    """A finding after which nothing more can be asked.
+
+    Parameters
+    ----------
+    name : str
+        Of the check.
+    text, remedy : str
+        Of the finding.
+    """
     return Finding(AREA, name, "wrong", text, remedy, unreachable=True)
 
 
 def socketcan(host: Host, name: str, asked_bitrate: int | None) -> Iterator[Finding]:
-    """A SocketCAN interface as the kernel shows it, before it is opened."""
+    """A SocketCAN interface as the kernel shows it, before it is opened.
+
+    Parameters
+    ----------
+    host : Host
+        This machine.
+    name : str
+        Of the interface.
+    asked_bitrate : int or None, bit/s
+        None where none is asked for.
+    """
     interfaces = {one.name: one for one in host.interfaces()}
     one = interfaces.get(name)
     if one is None:
@@ -197,7 +236,13 @@ def _up(one: Interface, asked_bitrate: int | None) -> Finding:
 
 
 def heard_finding(heard: Heard) -> Iterator[Finding]:
-    """Finding from listening: error frames, and another master at work."""
+    """Finding from listening: error frames, and another master at work.
+
+    Parameters
+    ----------
+    heard : Heard
+        As :func:`listen` returned it.
+    """
     if heard.trouble:
         text, remedy = WORDS[heard.trouble]
         yield Finding(AREA, "errors", "wrong", f"{text} ({len(heard.errors)} error frames in {LISTEN_S:g} s)", remedy)
@@ -214,7 +259,27 @@ def heard_finding(heard: Heard) -> Iterator[Finding]:
 
 
 def first_word(bus: can.BusABC, clock: Clock, node: int) -> Trouble | None:
-    """Send one frame (a read of 1000h) and see whether it got out; None when it did.  Raises BusError."""
+    """Send one frame (a read of 1000h) and see whether it got out.
+
+    Parameters
+    ----------
+    bus : BusABC
+        Open.
+    clock : Clock
+        Of the bus.
+    node : int
+        Its number.
+
+    Returns
+    -------
+    Trouble or None
+        None when it did.
+
+    Raises
+    ------
+    BusError
+        When the interface fails.
+    """
     request = can.Message(arbitration_id=0x600 + node, data=_READ_DEVICE_TYPE, is_extended_id=False)
     try:
         bus.send(request)
@@ -228,7 +293,20 @@ def first_word(bus: can.BusABC, clock: Clock, node: int) -> Trouble | None:
 
 
 def answering(bus: can.BusABC, clock: Clock) -> list[int]:
-    """Numbers of the nodes that answer; none also when no frame leaves the send queue.  Raises BusError."""
+    """Numbers of the nodes that answer; none also when no frame leaves the send queue.
+
+    Parameters
+    ----------
+    bus : BusABC
+        Open.
+    clock : Clock
+        Of the bus.
+
+    Raises
+    ------
+    BusError
+        When the interface fails.
+    """
     try:
         return find_nodes(bus, clock)
     except BusError as error:
@@ -244,7 +322,23 @@ def _full(error: BaseException) -> bool:
 
 
 def silence(bus: can.BusABC, clock: Clock, heard: Heard, node: int | None, rate: str, rtr: bool) -> Finding:
-    """Why nobody answers: a node that is stopped, or nobody at this bit rate."""
+    """Finding on why nobody answers: a node that is stopped, or nobody at this bit rate.
+
+    Parameters
+    ----------
+    bus : BusABC
+        Open.
+    clock : Clock
+        Of the bus.
+    heard : Heard
+        Before anybody was asked.
+    node : int or None
+        That was asked for; None for any.
+    rate : str
+        In words, for the sentence.
+    rtr : bool
+        True if nodes may be asked by remote frames.
+    """
     seen = dict(heard.nmt)
     if rtr and not seen:
         seen = _guarded(bus, clock, [node] if node else list(range(1, HOST_NODE)))
@@ -276,7 +370,15 @@ def _guarded(bus: can.BusABC, clock: Clock, nodes: list[int]) -> dict[int, int]:
 
 
 def several(nodes: list[int], channel: object) -> Finding:
-    """More than one node, and nobody said which is the drive."""
+    """Finding on more than one node, where nobody said which is the drive.
+
+    Parameters
+    ----------
+    nodes : list of int
+        Their numbers.
+    channel : object
+        Of the bus.
+    """
     found = ", ".join(map(str, nodes))
     return Finding(
         AREA, "nodes", "wrong", f"{len(nodes)} nodes answer on {channel}: {found}", f"say which one is the drive: --node {nodes[0]}",
@@ -288,6 +390,15 @@ def bit_rates(address: Address, opener: Opener, clock: Clock) -> Iterator[Findin
     """Look for the bus's bit rate: first listening only, then, where the bus is silent at every rate, by asking.
 
     A rate at which frames come in undamaged is right.  Asking on a silent bus disturbs nobody.
+
+    Parameters
+    ----------
+    address : Address
+        Interface and channel.
+    opener : Opener
+        Opens the bus at a bit rate.
+    clock : Clock
+        Of the bus.
     """
     if address.interface == "socketcan":
         rates = " ".join(str(rate) for rate in _BITRATES)

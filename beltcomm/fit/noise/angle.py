@@ -27,6 +27,10 @@ def apparent_step(recordings: Sequence[Recording], step_rad: float, noise_nm: fl
 
     Parameters
     ----------
+    recordings : sequence of Recording
+        Of a run.
+    step_rad : float, rad
+        Step of the encoder.
     noise_nm : float
         N m rms.
     """

@@ -81,6 +81,8 @@ def decimate_torque(torque: Array, within: Intersample | None, every: int) -> tu
         Mean over each period, (n,), N m at the motor.
     within : Intersample or None
         Its spread inside; None: it is held.
+    every : int
+        Periods for each mean.
     """
     number = len(torque) // every
     cells = torque[:, None] + (np.zeros((1, CELLS)) if within is None else within.above)

@@ -181,6 +181,8 @@ def robust_rms(rest: Array, step_nm: float = 0.0) -> float:
 
     Parameters
     ----------
+    rest : ndarray (n,), N m
+        What a fit leaves.
     step_nm : float
         In which it was read, a bulk has one more of it.
     """

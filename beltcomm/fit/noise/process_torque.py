@@ -79,6 +79,8 @@ def correlation_time(pole: float, deviation: float, sample_s: float) -> tuple[fl
 
     Parameters
     ----------
+    pole : float
+        From one sample to the next.
     deviation : float
         Of the pole.
     sample_s : float, s
@@ -105,6 +107,10 @@ def with_unread(answer: Array, poles: Sequence[complex], sensor_pole: float, pro
         Of the reading to a torque that acts over one sample, L, until it has died away.
     poles : sequence of complex
         Of the reading.
+    sensor_pole : float
+        Of the sensor's noise s.
+    process_pole : float
+        Of the process torque p.
     share : float
         Variance of p over that of s.
 

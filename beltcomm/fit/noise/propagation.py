@@ -91,7 +91,13 @@ class NoisePath:
 
 
 def at_roots(roots: NDArray[Any]) -> ComplexArray:
-    """Π (1 - root/z) at :data:`AROUND`."""
+    """Π (1 - root/z) at :data:`AROUND`.
+
+    Parameters
+    ----------
+    roots : ndarray (k,)
+        Of a polynomial in 1/z.
+    """
     return np.asarray(np.prod(1.0 - roots[:, None] / AROUND, axis=0))
 
 
@@ -119,6 +125,12 @@ def noise_schedule(model: Model, places_m: Array, sample_s: float, left: Array |
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
+    places_m : ndarray (n,), m
+        Carriage on the axis.
+    sample_s : float, s
+        Sampling period.
     left : ndarray (n,) or None
         Share of the belt's stiffness at each sample; all of it without.
     """
@@ -212,6 +224,12 @@ def noise_path(model: Model, position_m: float, sample_s: float, closed: float =
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
+    position_m : float, m
+        Carriage on the axis.
+    sample_s : float, s
+        Sampling period.
     closed : float
         See ``matrices``.
     """
@@ -291,7 +309,13 @@ def _path(
 
 
 def with_state_in_front(begins: Array) -> Array:
-    """``NoisePath.begins``, (k, k, 4), with one more state in front, 0 at the first sample; (k + 1, k + 1, 4)."""
+    """``NoisePath.begins``, (k, k, 4), with one more state in front, 0 at the first sample; (k + 1, k + 1, 4).
+
+    Parameters
+    ----------
+    begins : ndarray (k, k, 4)
+        Of a path.
+    """
     return np.pad(begins, ((1, 0), (1, 0), (0, 0)))
 
 

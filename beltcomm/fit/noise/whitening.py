@@ -93,11 +93,17 @@ def whitener(
 
     Parameters
     ----------
+    keep : ndarray of bool (n,)
+        Samples that count.
+    way : NoiseSchedule
+        Path that holds at each sample.
     step_rad : float, rad
     noise_nm : float
         N m rms.
     shares : tuple of float
         Of the rounding's variance step²/12 that is white, and that is slow: decaying with ``SLOW_HZ``.
+    colour : NoiseColour
+        Of the torque's noise.
     """
     levels = [noises(path, step_rad, noise_nm, shares, colour) for path in way.paths]
     _, variances, start = levels[way.level[0]]
@@ -111,12 +117,16 @@ def gains_of(keep: BoolArray, paths: Sequence[NoisePath], level: IntArray, varia
 
     Parameters
     ----------
+    keep : ndarray of bool (n,)
+        Samples that count.
+    paths : sequence of NoisePath
+        Of the noises to the residual.
+    level : ndarray (n,) of int
+        Which path holds.
     variances : ndarray
         Of the noises.
     start : ndarray (k, k)
         Covariance of the state at the first sample.
-    level : ndarray (n,) of int
-        Which path holds.
     """
     f, g, h, d = (np.stack([getattr(path, name) for path in paths]) for name in "FGHD")
     size = h.shape[1]
@@ -143,6 +153,16 @@ def noises(
 
     Parameters
     ----------
+    path : NoisePath
+        Of the noises to the residual.
+    step_rad : float, rad
+        Step of the encoder.
+    noise_nm : float, N m rms
+        Of the torque.
+    shares : tuple of float
+        As of :func:`whitener`.
+    colour : NoiseColour
+        Of the torque's noise.
     alike : bool
         Whether it has that state in any case, so that the paths of all records have one size.
     """

@@ -92,7 +92,15 @@ class PathChoice:
 
 
 def reads_command(chain: ReadingFit | None, recordings: Sequence[Recording]) -> bool:
-    """True if the readings are the setpoint that comes back, without noise."""
+    """True if the readings are the setpoint that comes back, without noise.
+
+    Parameters
+    ----------
+    chain : ReadingFit or None
+        Fitted from setpoint to reading; None where none was.
+    recordings : sequence of Recording
+        Of the run.
+    """
     if chain is None:
         return repeats_itself(recordings) or is_held(recordings)
     scale = max(float(np.sqrt(np.mean(r.torque**2))) for r in recordings)
@@ -110,8 +118,12 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
 
     Parameters
     ----------
+    data : Data
+        The records.
     fitted : Fitted
         By the reading, or the command, taken for the torque that acts.
+    start : Model
+        Model that the fits begin from.
     chain : ReadingFit or None
         :func:`fit_reading`.
     """
@@ -167,7 +179,15 @@ def _split_second_order(law: DriveLaw) -> list[DriveLaw]:
 
 
 def ways_of(law: DriveLaw, at_end: bool = False) -> list[TorquePath]:
-    """All :func:`splits` of a chain, and of that with two filters of first order in place of a damped one of second."""
+    """All :func:`splits` of a chain, and of that with two filters of first order in place of a damped one of second.
+
+    Parameters
+    ----------
+    law : DriveLaw
+        From setpoint to reading.
+    at_end : bool
+        As of :func:`splits`.
+    """
     return [path for one in _split_second_order(law) for path in splits(one, at_end)]
 
 

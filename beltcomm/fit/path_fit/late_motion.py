@@ -34,6 +34,8 @@ def effect_between(
     ----------
     fit_by : callable
         Of a start model and a path, the fit.
+    start : Model
+        Model without such an effect.
     chosen : TorquePath
         By a model without such an effect.
     fitted : Fitted

@@ -64,7 +64,15 @@ class NoiseSplit:
 
 
 def split_noise(data: Data, fitted: Fitted) -> NoiseSplit | None:
-    """Noise of the sensor and torque that the drive makes beside its setpoint; None where no setpoint tells, or no more than is known."""
+    """Noise of the sensor and torque that the drive makes beside its setpoint; None where no setpoint tells, or no more than is known.
+
+    Parameters
+    ----------
+    data : Data
+        The records.
+    fitted : Fitted
+        Model, fitted to the records.
+    """
     if data.path.drive is None or data.path.commanded:
         return None
     by_name = {r.name: r for r in data.recordings}

@@ -87,7 +87,15 @@ def _with_half_widths(data: Data, fitted: Fitted) -> Data:
 
 
 def path_nuisance(data: Data, fitted: Fitted) -> Nuisance | None:
-    """Of the path's values, which the reading tells, and of its rivals, which nothing tells; None without any."""
+    """Nuisance of the path's values, which the reading tells, and of its rivals, which nothing tells; None without any.
+
+    Parameters
+    ----------
+    data : Data
+        The records.
+    fitted : Fitted
+        Model, fitted to the records.
+    """
     values, rivals = _values(data.path), data.path.rivals
     columns = columns_of(data, fitted) if len(values) else None
     if columns is None or not np.any(columns):
@@ -140,7 +148,17 @@ def _level(fitted: Fitted) -> float:
 
 
 def by_path(data: Data, model: Model, path: TorquePath) -> Data:
-    """Records with the torque as another path has it, and the motion between the samples by a model."""
+    """Records with the torque as another path has it, and the motion between the samples by a model.
+
+    Parameters
+    ----------
+    data : Data
+        The records.
+    model : Model
+        That tells the motion between the samples.
+    path : TorquePath
+        In place of that of the records.
+    """
     shares = {piece.record: piece.rounding for piece in (*data.fitted, *data.held_out)}
     same = (data.noise_nm, data.step_rad, shares, data.substeps, path, data.reversals, data.colour, data.single)
     return prepare_records(data.recordings, model, *same)
@@ -215,7 +233,15 @@ def _with_values(path: TorquePath, values: Array, halves: Array | None = None) -
 
 
 def columns_of(data: Data, fitted: Fitted) -> Array | None:
-    """Change of the whitened residual with each value of the path, (n, k); None behind observers."""
+    """Change of the whitened residual with each value of the path, (n, k); None behind observers.
+
+    Parameters
+    ----------
+    data : Data
+        The records.
+    fitted : Fitted
+        Model, fitted to the records.
+    """
     values = _values(data.path)
     steps = STEP * values
     return _changes(data, fitted, [_with_values(data.path, values + step) for step in np.diag(steps)], steps)

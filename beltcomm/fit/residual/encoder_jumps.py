@@ -46,6 +46,12 @@ def largest_step(recording: Recording, inertia_kg_m2: float, step_rad: float, st
 
     Parameters
     ----------
+    recording : Recording
+        The record.
+    inertia_kg_m2 : float, kg m², motor side
+        Of what follows the torque at once.
+    step_rad : float, rad
+        Step of the encoder.
     striking : float
         See ``CERTAIN``.
     """

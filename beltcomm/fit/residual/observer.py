@@ -84,7 +84,17 @@ class Observation(NamedTuple):
 
 
 def innovations(seen: Sequence[Observation], model: Model, vectors: Sequence[Array]) -> list[tuple[Array, Array]]:
-    """ν over its deviation, 0 where nothing is kept, and e, N m at the motor shaft, of a model behind each observer; (n,) each."""
+    """ν over its deviation, 0 where nothing is kept, and e, N m at the motor shaft, of a model behind each observer; (n,) each.
+
+    Parameters
+    ----------
+    seen : sequence of Observation
+        One for each vector.
+    model : Model
+        With an observer.
+    vectors : sequence of ndarray (p,) each
+        Values of the parameters.
+    """
     watches = [one.observer.watch for one in seen]
     others = [i for i, (one, vector) in enumerate(zip(seen, vectors, strict=True)) if not one.observer.knows(one, model, vector)]
     motions = [true_motion(model, seen[i].motion, vectors[i]) for i in others]
@@ -96,7 +106,19 @@ def innovations(seen: Sequence[Observation], model: Model, vectors: Sequence[Arr
 
 
 def slopes(seen: Sequence[Observation], model: Model, vector: Array, steps: Sequence[Perturbation]) -> list[Array]:
-    """By how much ν over its deviation changes with each step, over its length, behind each observer; (n, steps) each."""
+    """By how much ν over its deviation changes with each step, over its length, behind each observer; (n, steps) each.
+
+    Parameters
+    ----------
+    seen : sequence of Observation
+        Of several segments.
+    model : Model
+        With an observer.
+    vector : ndarray (p,)
+        Values of the parameters.
+    steps : sequence of Perturbation
+        Changes of the vector.
+    """
     still, moving = ([number for number, step in enumerate(steps) if step.moves == moves] for moves in (False, True))
     found = []
     for one in seen:
@@ -202,6 +224,20 @@ def untuned_observer(
 
     Parameters
     ----------
+    model : Model
+        Of the axis.
+    motion : FineMotion
+        Of a segment.
+    torque : ndarray (n,), N m, motor shaft
+        That acts.
+    keep : ndarray of bool (n,)
+        Samples that count.
+    step_rad : float, rad
+        Step of the encoder.
+    noise_nm : float, N m rms
+        Of the torque.
+    rounding : tuple of float
+        Shares of the rounding's variance, as of :func:`beltcomm.fit.noise.whitening.whitener`.
     start_m : float
         rms stretch of the belt at first, m.
     process_noise : float

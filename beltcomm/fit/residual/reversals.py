@@ -64,6 +64,12 @@ def motion_through_reversals(
 
     Parameters
     ----------
+    motion : FineMotion
+        Of a segment.
+    model : Model
+        Of the axis.
+    slow_rad_s : float, rad/s, motor shaft
+        Speed below which a reversal may hide.
     rebuilt : callable
         Motion between the samples made anew; ``lacking`` : a load more, N m, mean over each fine step.
     """

@@ -199,6 +199,8 @@ def samples_between_counts(angle: Array, position: Array, step_rad: float) -> Bo
         The likeliest, rad, (n,).
     position : ndarray
         As it was counted, rad, (n,).
+    step_rad : float, rad
+        Step of the encoder.
     """
     ways = [uniform_filter1d(np.abs(np.diff(row, prepend=row[0])), AROUND, mode="nearest") * AROUND for row in (angle, position)]
     return np.asarray(ways[0] > MOST_WAY * (ways[1] + step_rad))

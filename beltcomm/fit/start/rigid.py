@@ -61,6 +61,8 @@ def least_squares(recordings: Sequence[Recording], sheet: float | None = None) -
 
     Parameters
     ----------
+    recordings : sequence of Recording
+        Of a run.
     sheet : float or None
         Inertia where the records show none; without it the largest that they would not show, for a motor of none would fly off.
 

@@ -207,8 +207,14 @@ def estimate(
 
     Parameters
     ----------
+    recordings : sequence of Recording
+        Of a run.
+    start : Model
+        Model that the search begins from.
     late_s : float
         Torque setpoint to acting torque, s, as thought of before.
+    names : sequence of str
+        Full names of the parameters.
     passes : SteadyPasses
         At constant speed, of which friction is known beside the rows.
 

@@ -329,13 +329,27 @@ def _colour_beside(found: ReadingFit, pairs: Sequence[Pair], sample_s: float) ->
 
 
 def colour_of(rests: Sequence[Array]) -> float:
-    """Correlation of neighbours; 0 where it is hardly any."""
+    """Correlation of neighbours; 0 where it is hardly any.
+
+    Parameters
+    ----------
+    rests : sequence of ndarray
+        One for each record, of any unit.
+    """
     found = correlation(rests)
     return min(found, MOST_COLOUR) if found > LEAST_COLOUR else 0.0
 
 
 def whitened_row(row: Array, colour: float) -> Array:
-    """A row whose noise has a colour, its noise white: x[n] - ρ x[n-1]."""
+    """A row whose noise has a colour, its noise white: x[n] - ρ x[n-1].
+
+    Parameters
+    ----------
+    row : ndarray (n,)
+        Of any unit.
+    colour : float
+        ρ.
+    """
     return row if colour == 0.0 else row - colour * np.concatenate((row[:1], row[:-1]))
 
 

@@ -312,6 +312,11 @@ def unbounded_estimates(fitted: Fitted) -> dict[str, tuple[float, float]]:
     """Unbounded estimate of each parameter at a bound, by the data alone, and its standard deviation, in its unit.
 
     One of which the residual does not depend is missing.
+
+    Parameters
+    ----------
+    fitted : Fitted
+        Model, fitted to the records.
     """
     if not at_bound(fitted).any():
         return {}

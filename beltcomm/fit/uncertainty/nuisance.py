@@ -63,7 +63,15 @@ def with_nuisance(data: Data, fitted: Fitted) -> Fitted:
 
 
 def next_to_hold(fitted: Fitted, sheet: Model) -> str | None:
-    """The parameter to be held next, because the records do not tell it; None where they do, or the data sheets do not know it."""
+    """The parameter to be held next, because the records do not tell it; None where they do, or the data sheets do not know it.
+
+    Parameters
+    ----------
+    fitted : Fitted
+        Model, fitted to the records.
+    sheet : Model
+        The data sheets.
+    """
     coarse = any(piece.motion.creep is not None for piece in fitted.problem.pieces)
     if fitted.ratio > EXPLAINED and not coarse:  # what an effect hides may be told beside it
         return None

@@ -42,6 +42,8 @@ def remark_on(name: str, item: Value, wanted: float, deviation: float) -> str:
 
     Parameters
     ----------
+    name : str
+        Full name of the parameter.
     item : Value
         The result, without interval at a bound.
     wanted : float

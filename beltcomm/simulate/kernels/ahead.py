@@ -78,7 +78,18 @@ def wait() -> None:
 
 
 def after_waiting(kernel: Callable[_P, _R]) -> Callable[_P, _R]:
-    """The kernel, which looks for its machine code when what was begun is done."""
+    """The kernel, which looks for its machine code when what was begun is done.
+
+    Parameters
+    ----------
+    kernel : callable
+        Compiled.
+
+    Returns
+    -------
+    callable
+        The same call.
+    """
 
     @wraps(kernel)
     def call(*args: _P.args, **kwargs: _P.kwargs) -> _R:
@@ -136,7 +147,13 @@ def package() -> Path:
 
 
 def write_note(note: Path) -> None:
-    """Whose note it is: of which program, and for which cache of machine code."""
+    """Write down whose a note is: of which program, and for which cache of machine code.
+
+    Parameters
+    ----------
+    note : Path
+        Of the file.
+    """
     atomic.write(note, json.dumps(_owner()).encode() + b"\n")
 
 
@@ -145,6 +162,11 @@ def prune(note: Path) -> None:
 
     Notes of this program's earlier state, of programs that are no more, and those from before notes told whose they are; drafts and machine
     code of kernels whose number is below :data:`VERSION`.  A later program, and another one that is still installed, keep theirs.
+
+    Parameters
+    ----------
+    note : Path
+        Of the file that holds now.
     """
     for path in _files(note.parent):
         if _NOTE.fullmatch(path.name) and path != note:

@@ -31,7 +31,13 @@ _ROWS, _MORE = 23, (7, 15, 16)
 
 
 def covers(effects: set[str]) -> bool:
-    """True if models with these effects beyond the motor, and no others, can be taken side by side."""
+    """True if models with these effects beyond the motor, and no others, can be taken side by side.
+
+    Parameters
+    ----------
+    effects : set of str
+        Names.
+    """
     return "belt_stiffness" in effects and effects <= {*PLAIN, *BESIDE} and not effects >= set(BODIES)
 
 
@@ -45,8 +51,12 @@ def lane_values(models: int, get: Callable[[str], Array | float], offsets_m: Arr
 
     Parameters
     ----------
+    models : int
+        Their number.
     get : callable
         Values of a parameter by its full name, 0 where there is none.
+    offsets_m : ndarray (models,), m
+        Of the carriage at the start.
     """
     rows = np.zeros((_ROWS, models))
     stiffness, damping = np.broadcast_to(get("belt_stiffness.stiffness"), models), np.broadcast_to(get("belt_damping.damping"), models)
@@ -82,6 +92,10 @@ def belt_loads_in_lanes(theta: Array, omega: Array, step_s: float, substeps: int
         True motion.
     step_s : float, s
         Fine step.
+    substeps : int
+        Fine steps per sample.
+    ratio : float, m/rad
+        i_t.
     first : float, rad/s
         Speed at which all begins.
     values : ndarray

@@ -62,12 +62,24 @@ class Kernel:
 
 
 def kernel_for(model: Model) -> Kernel:
-    """The kernel of a model's combination of effects; compiled once per machine."""
+    """The kernel of a model's combination of effects; compiled once per machine.
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+    """
     return _kernel(model.base_bodies, model.effects)
 
 
 def states_of(model: Model) -> int:
-    """Length of ``q``: see :class:`Kernel`; compiles nothing."""
+    """Length of ``q``: see :class:`Kernel`; compiles nothing.
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
+    """
     return _states(model.base_bodies, model.effects)
 
 
@@ -350,7 +362,13 @@ def _motor_alone(writer: Writer) -> list[str]:
 
 
 def import_stable(source: str) -> ModuleType:
-    """Import generated source from a file whose name is its hash; numba caches machine code beside that file."""
+    """Import generated source from a file whose name is its hash; numba caches machine code beside that file.
+
+    Parameters
+    ----------
+    source : str
+        Python.
+    """
     name = f"kernel_{VERSION}_{hashlib.sha256(source.encode()).hexdigest()[:20]}"
     with _IMPORTING:
         return sys.modules[name] if name in sys.modules else _import_source(name, source)

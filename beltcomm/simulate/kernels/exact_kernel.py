@@ -246,7 +246,13 @@ Run = Callable[[LinearAxis, Tables, int, Array, Array, Array, Array, Array, Arra
 
 @lru_cache
 def runner(bodies: int) -> Run:
-    """``run`` for so many bodies, 0 for any: loops of a known length are twice as fast, and each takes seconds to compile."""
+    """``run`` for so many bodies, 0 for any: loops of a known length are twice as fast, and each takes seconds to compile.
+
+    Parameters
+    ----------
+    bodies : int
+        Of the model.
+    """
 
     @in_lanes
     def run(a: LinearAxis, t: Tables, pieces: int, x: Array, torques: Array, theta: Array, omega: Array, cart: Array, belt: Array) -> bool:

@@ -58,7 +58,13 @@ def _half_turns(x: float) -> tuple[float, float]:
 
 @_inlined
 def sin(x: float) -> float:
-    """sin x by its series within ±π/2; x up to 1e8."""
+    """sin x by its series within ±π/2; x up to 1e8.
+
+    Parameters
+    ----------
+    x : float, rad
+        Up to 1e8.
+    """
     r, sign = _half_turns(x)
     z = r * r
     z2 = z * z
@@ -70,7 +76,13 @@ def sin(x: float) -> float:
 
 @_inlined
 def cos(x: float) -> float:
-    """cos x by its series within ±π/2; x up to 1e8."""
+    """cos x by its series within ±π/2; x up to 1e8.
+
+    Parameters
+    ----------
+    x : float, rad
+        Up to 1e8.
+    """
     r, sign = _half_turns(x)
     z = r * r
     z2 = z * z

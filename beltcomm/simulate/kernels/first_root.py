@@ -29,7 +29,15 @@ _BINOMIAL = _binomials()
 
 @in_lanes
 def value(p: Array, s: float) -> float:
-    """sum p_k s^k."""
+    """Value of a polynomial: Σ p_k s^k.
+
+    Parameters
+    ----------
+    p : ndarray (k,)
+        Coefficients, the constant first.
+    s : float
+        Where it is asked.
+    """
     found = 0.0
     for k in range(p.shape[0] - 1, -1, -1):
         found = found * s + p[k]
@@ -44,6 +52,8 @@ def first_root(p: Array, moved: Array) -> float:
 
     Parameters
     ----------
+    p : ndarray (k,)
+        Coefficients, the constant first.
     moved : ndarray (DEGREE + 1,)
         Scratch.
     """
@@ -129,7 +139,15 @@ def _between(p: Array, low: int, left: float, right: float) -> float:
 
 @in_lanes
 def largest(p: Array, upto: float) -> float:
-    """Largest |p| over 0..upto of a polynomial that turns once there at most; off by 1e-9 of its change."""
+    """Largest |p| over 0..upto of a polynomial that turns once there at most; off by 1e-9 of its change.
+
+    Parameters
+    ----------
+    p : ndarray (k,)
+        Coefficients, the constant first.
+    upto : float
+        End of the range.
+    """
     end, rise = 0.0, 0.0
     for k in range(p.shape[0] - 1, -1, -1):
         rise = rise * upto + end

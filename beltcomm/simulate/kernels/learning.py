@@ -26,6 +26,11 @@ def with_memory(watch: ObserverState) -> ObserverState:
 
     h, then what it changes by when the gap closes; the columns of F and of G, each likewise; P; memory for h, F, G at a share, F P, P h
     and k; last d, likewise, and the variances of the noises.
+
+    Parameters
+    ----------
+    watch : ObserverState
+        The observer.
     """
     size, noises = max(SIZE, len(watch.s)), max(NOISES, len(watch.variances))
     own, wide = size - 2, -(-size // LANES) * LANES
@@ -127,8 +132,14 @@ def limit_variance(values: Array, first: int, row: int, column: int, size: int, 
     ----------
     values : ndarray
         Memory that holds it from ``first`` on.
+    first : int
+        Place of the covariance in the memory.
     row, column : int
         Numbers from one row and one column to the next.
+    size : int
+        Of the covariance.
+    place : int
+        Number of the state.
     most : float
         0 where nothing opens.
     """
@@ -159,8 +170,22 @@ def learn(
 
     Parameters
     ----------
+    n : int
+        Number of the sample.
     innovation : float, N m
         Beyond ``LOST`` deviations the carriage is lost.
+    keep : ndarray of bool (n,)
+        As :class:`ObserverState` has it.
+    variances, gains, deviations, shares : ndarray
+        As :class:`ObserverState` has them; filled for sample n.
+    lost, forgets : ndarray of bool (n,)
+        As :class:`ObserverState` has them.
+    room : ndarray
+        Memory, of :func:`with_memory`.
+    cart, behind : int
+        Places in s, as :class:`ObserverState` has them.
+    spread : ndarray (2,), m² and m²/s²
+        As :class:`ObserverState` has it.
     """
     size, noises = gains.shape[1], variances.shape[0]
     if size <= SIZE and noises <= NOISES:

@@ -48,6 +48,13 @@ def torque_at_stages(cells: Array, parts: int) -> Array:
     """Torque at the stages of each step from its means over equal parts of it; (samples, steps parts) -> (samples, steps stages), N m.
 
     The cubic whose means over the parts are nearest in the squares; a torque that keeps its value is that value.
+
+    Parameters
+    ----------
+    cells : ndarray (samples, steps parts), N m
+        Means.
+    parts : int
+        Of a step.
     """
     return np.asarray(cells.reshape(-1, parts) @ _at_stages(parts)).reshape(len(cells), -1)
 
@@ -65,6 +72,11 @@ def nystrom_kernel(model: Model) -> Callable[..., None]:
 
     nystrom(q, v, p, cells, acting, t, sample, n, m, theta, omega, cart, belt): a whole record, as ``Kernel.run``, with n steps in a
     sample or m Verlet steps in place of each.   cells : (samples, n parts), N m.   acting : of them at the stages, (samples, n stages).
+
+    Parameters
+    ----------
+    model : Model
+        With any effects.
     """
     return _kernel(model.base_bodies, model.effects)
 

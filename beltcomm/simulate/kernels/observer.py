@@ -164,7 +164,13 @@ TOUCHED = ("wanted", "keep", "lost", "deviations", "shares", "half_gap_m", "stif
 
 
 def kernel_arguments(fields: Sequence[str]) -> str:
-    """Arguments of a call, as the generated kernel names the fields of its ``ObserverState``."""
+    """Arguments of a call, as the generated kernel names the fields of its ``ObserverState``.
+
+    Parameters
+    ----------
+    fields : sequence of str
+        Of :class:`ObserverState`.
+    """
     return ", ".join(f"see_{field}" for field in fields)
 
 
@@ -173,8 +179,12 @@ def expected_innovation(n: int, left: float, H: Array, s: Array, shares: Array) 
 
     Parameters
     ----------
+    n : int
+        Number of the sample.
     left : float
         e[n], N m.
+    H, s, shares : ndarray
+        As :class:`ObserverState` has them.
     """
     share, innovation = shares[n], left
     for i in range(s.shape[0]):
@@ -198,8 +208,16 @@ def observe(
 
     Parameters
     ----------
+    n : int
+        Number of the sample.
     innovation : float
         ν[n], N m.
+    keep : ndarray of bool (n,)
+        As :class:`ObserverState` has it.
+    F, s, gains, deviations, shares, white : ndarray
+        As :class:`ObserverState` has them.
+    ahead : ndarray
+        Scratch of the size of s.
     """
     size, own, share = s.shape[0], s.shape[0] - 2, shares[n]
     if keep[n]:
@@ -222,6 +240,10 @@ def take_correction(at: int, behind: int, s: Array) -> tuple[float, float]:
     ----------
     at : int
         Its place, or -1.
+    behind : int
+        Places from a position to its speed.
+    s : ndarray
+        State of the observer; changed in place.
     """
     if at < 0:
         return 0.0, 0.0
@@ -246,6 +268,27 @@ def contact(
     """By how much the stretch, m, is less than what the torque of sample n tells where the carriage is lost; 0 where it is not.
 
     While more than noise is passed on, the stretch is half the gap and what the belt gives way.
+
+    Parameters
+    ----------
+    n : int
+        Number of the sample.
+    lever : float, m/rad
+        From the motor to the belt.
+    stretch : float, m
+        Of the belt.
+    wanted : ndarray (n,), N m, motor shaft
+        As :class:`ObserverState` has it.
+    keep, lost : ndarray of bool (n,)
+        As :class:`ObserverState` has them.
+    deviations, shares : ndarray (n,)
+        As :class:`ObserverState` has them.
+    half_gap_m : float, m
+        Half the gap.
+    stiffness : float, N/m
+        At the belt, where it is stiffest.
+    held : ndarray (n,)
+        Stiffness at the place of each sample over that.
     """
     if not (keep[n] and lost[n]) or shares[n] > OPEN or abs(wanted[n]) < LOST * deviations[n]:
         return 0.0

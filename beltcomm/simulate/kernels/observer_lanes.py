@@ -79,12 +79,24 @@ class Observers(NamedTuple):
 
 
 def observed_rows(watch: ObserverState) -> tuple[float, ...]:
-    """Values of the rows ``HALF`` to ``HURRY``."""
+    """Values of the rows ``HALF`` to ``HURRY``.
+
+    Parameters
+    ----------
+    watch : ObserverState
+        The observer.
+    """
     return (watch.half_gap_m, watch.stiffness, *watch.spread)
 
 
 def observers(watches: Sequence[ObserverState]) -> Observers:
-    """The observers of so many lanes, ``LANES`` at most, and memory for what they find at each sample."""
+    """The observers of so many lanes, ``LANES`` at most, and memory for what they find at each sample.
+
+    Parameters
+    ----------
+    watches : sequence of ObserverState
+        One for each lane.
+    """
     size, noises = len(watches[0].s), len(watches[0].variances)
     own = size - 2
     counts = (2 * size, 2 * size * own, 2 * size * noises, 2 * noises, noises, size * size)
@@ -229,11 +241,25 @@ def advance_sample(
 
     Parameters
     ----------
+    n : int
+        Number of the sample.
+    active : int
+        Lanes that go on.
+    substeps : int
+        Fine steps per sample.
+    learning : bool
+        True if gains are worked out.
     where : ndarray (12, lanes) of int
         Addresses of motion and watch, as ``lock_step`` lays them out.
     s : ndarray
         Rows of this file's names: the load's mean, N m, in ``NEW`` and the sum of the closed shares in ``SHUT`` are read; where ``ASTRAY``
         is 1 the carriage is lost, and is to stand so far, ``AIM``, m, behind the belt's end that a lever ``LEVER``, m/rad, drives.
+    rows : LaneRows
+        Of the observers' memory.
+    o : ndarray
+        Memory of the observers; changed in place.
+    passes, reaches : ndarray of bool
+        As of :class:`Observers`.
     carriage : tuple of int
         See ``expected_eight``.
     """
@@ -301,6 +327,14 @@ def brought(i: int, active: int, where: IntArray, lengths: IntArray, course: Arr
 
     Parameters
     ----------
+    i : int
+        First step.
+    active : int
+        Lanes that go on.
+    where : ndarray of int
+        Addresses of motion and watch, as of :func:`advance_sample`.
+    lengths : ndarray of int
+        Steps of each lane.
     course : ndarray (2, steps, lanes)
         Angle and speed.
     """

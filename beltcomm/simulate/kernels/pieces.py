@@ -25,10 +25,16 @@ def setpoint(
 
     Parameters
     ----------
+    follows_position : bool
+        True for the position loop, False for the velocity loop alone.
     coefficients, state : ndarray
         As in :mod:`beltcomm.control.cascade_kernel`.
     references : ndarray (4, n)
         Position, speed, acceleration at the motor shaft, torque added.
+    k : int
+        Number of the period.
+    motor_rad : float, rad, motor shaft
+        Angle from where the motor stood at first.
     sensing : ndarray (4,)
         Angle of the encoder's zero and of one count, dead zone and bound of the position error, rad.
     """
@@ -55,6 +61,8 @@ def stick_or_slide(speed: float, push: float, grip: float, h: float) -> float:
     grip : float
         Friction level over inertia, >= 0. A reversal within the step is placed where it happens: taking the whole step with one sign would
         shift the friction by half a step at every reversal, which looks like mass (0.3 % of the carriage of rig g_b at 8 kHz).
+    h : float, s
+        Duration.
     """
     direction = 1.0 if (speed if speed != 0.0 else push) > 0.0 else -1.0  # a body at rest starts to where it is pushed
     forward = direction * push
@@ -75,6 +83,15 @@ def weighted_mean(fine: Array, middle: int, substeps: int) -> float:
     """Mean with weight 1 - |s| around one place of a fine grid, by Simpson's rule; ``substeps`` even.   At most ``ABSURD_NM``.
 
     The trapezoidal rule would take (2 pi f h)²/12 off, 0.02 % at 134 Hz and 16 kHz.
+
+    Parameters
+    ----------
+    fine : ndarray (n,)
+        On a fine grid.
+    middle : int
+        Place in it.
+    substeps : int
+        Fine steps per sample.
     """
     total = 2.0 * substeps * fine[middle]  # the end of one half and the beginning of the other
     for j in range(1, substeps):

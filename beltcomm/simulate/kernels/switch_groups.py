@@ -44,7 +44,13 @@ def group(lines: list[str], usual: set[str]) -> tuple[list[str], list[str]]:
 
 
 def blocks(lines: list[str]) -> list[list[str]]:
-    """Lines at the margin, each with those that belong to it."""
+    """Lines at the margin, each with those that belong to it.
+
+    Parameters
+    ----------
+    lines : list of str
+        Of a source text.
+    """
     found: list[list[str]] = []
     for line in lines:
         if found and (line.startswith(" ") or line == "else:"):
@@ -61,7 +67,15 @@ def switches_of(block: list[str]) -> list[str]:
 
 
 def needed_lines(lines: list[str], behind: list[str]) -> list[str]:
-    """Those of the lines ``name = ...`` whose name is asked for by the lines behind them, or by others that are."""
+    """Those of the lines ``name = ...`` whose name is asked for by the lines behind them, or by others that are.
+
+    Parameters
+    ----------
+    lines : list of str
+        Assignments, in their order.
+    behind : list of str
+        Lines that ask for names.
+    """
     names, kept = set(_NAME.findall("\n".join(behind))), []
     for line in reversed(lines):
         if line.split(" = ", 1)[0] in names:
@@ -71,5 +85,13 @@ def needed_lines(lines: list[str], behind: list[str]) -> list[str]:
 
 
 def indent(lines: list[str], depth: int) -> list[str]:
-    """Lines moved in by so many steps."""
+    """Lines moved in by so many steps.
+
+    Parameters
+    ----------
+    lines : list of str
+        Of a source text.
+    depth : int
+        Steps of four blanks.
+    """
     return ["    " * depth + line for line in lines]

@@ -71,7 +71,15 @@ class Switchboard:
 
 @lru_cache(maxsize=256)
 def switchboard(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> Switchboard:
-    """The switchboard of one combination of effects."""
+    """The switchboard of one combination of effects.
+
+    Parameters
+    ----------
+    base_bodies : tuple of str
+        The driven body first.
+    effects : tuple of str
+        Names.
+    """
     catalogue = catalogue_parameters()
     own = list(expected_parameters(effects, base_bodies))
     chosen = [effect_named(name) for name in effects]

@@ -212,7 +212,13 @@ _teach_all()
 
 
 def aligned_zeros(rows: int, lanes: int) -> Array:
-    """Zeros, (rows, lanes), that begin where a line of memory does: a vector that crosses from one line to the next takes longer."""
+    """Zeros, (rows, lanes), that begin where a line of memory does: a vector that crosses from one line to the next takes longer.
+
+    Parameters
+    ----------
+    rows, lanes : int
+        Of the result.
+    """
     line = 8 * LANES
     memory = np.zeros(rows * lanes + LANES)
     first = -memory.ctypes.data % line // 8
@@ -233,6 +239,11 @@ power = cast("Callable[[Vector, Vector | float], Vector]", intrinsic(_known_func
 
 def address(array: NDArray[Any]) -> int:
     """Address of the first value.
+
+    Parameters
+    ----------
+    array : ndarray
+        Contiguous.
 
     Raises
     ------

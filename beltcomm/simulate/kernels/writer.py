@@ -47,7 +47,15 @@ from beltcomm.simulate.kernels.switch_groups import group, indent
 
 
 def fingerprint(laws: Iterable[Callable[..., object]], modules: Iterable[str]) -> str:
-    """A hash of everything that these laws, and modules besides, are made of."""
+    """A hash of everything that these laws, and modules besides, are made of.
+
+    Parameters
+    ----------
+    laws : iterable of callable
+        Of effects.
+    modules : iterable of str
+        By full name.
+    """
     used = set(modules).union(*(modules_of(law) for law in laws))
     text = "".join(inspect.getsource(sys.modules[module]) for module in sorted(used))
     return hashlib.sha256(text.encode()).hexdigest()
