@@ -23,6 +23,12 @@ export function number(value, digits = 3) {
   return Math.abs(value) >= 100 && digits === 3 ? value.toFixed(0) : String(Number(value.toPrecision(digits)));
 }
 
+/** An error in mm as every screen has it: three digits, none finer than a tenth of a micrometre; below a micrometre two. */
+export function mm(value_m) {
+  const value = 1e3 * value_m;
+  return Math.abs(value) < 1e-3 ? number(value, 2) : number(Number(Number(value.toPrecision(3)).toFixed(4)));
+}
+
 // In units of another kind of axis numbers are multiplied where they are written; what is drawn stays.
 const timesOf = (which, v) => (v === null || v === undefined ? v : v * (which.factor || 1));
 
