@@ -65,7 +65,8 @@ def _bounds(plan: Plan, axis: Axis, capabilities: Capabilities) -> list[Line]:
         upto = f"{tr('up to')} {value:.3g} {unit}"
         rows.append(Line("   ", (f"{label:<13}", "title"), upto.ljust(20), told.ljust(24), (bar(share), style)))
     rows.append(_heat(plan))
-    pause = tr("at most; what does not fit is left out") if plan.over_budget else tr("at most")
+    whole = sum(round(one.seconds) for one in plan.experiments)  # what the entries below add up to
+    pause = tr("of {whole:.0f} s below; the rest is left out", whole=whole) if plan.over_budget else tr("at most")
     rows.append(Line("   ", (f"{tr('duration'):<13}", "title"), f"{plan.seconds:.0f} s {tr('in motion')}".ljust(20), pause))
     return rows
 
