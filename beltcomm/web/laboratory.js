@@ -145,7 +145,7 @@ export function laboratory(ask) {
     const top = Math.max(1.2, ...revisions.map((one) => one.ratio));
     $("stairs").replaceChildren(...revisions.slice(-8).map((one) => {
       const bar = element("i");
-      bar.style.height = `${Math.max(5 * one.ratio / top, 0.2)}rem`;
+      bar.style.height = `${Math.max(4 * (one.ratio - 1) / (top - 1), 0)}rem`;  // above the noise, which is the bar's foot
       const cost = one.cost && one.cost.unaware ? ` ${mm(one.cost.unaware.dynamic_m)} → ${mm(one.cost.aware.dynamic_m)} mm` : "";
       const step = element("li", { title: `${one.name}: ${one.ratio.toFixed(3)} times the noise${cost ? `; predicted error of the move, gains designed without and with it: ${cost}` : ""}` },
         element("b", {}, one.ratio.toFixed(2)), bar, one.change.replaceAll("_", " "), ...(cost ? [element("br"), cost] : []));
