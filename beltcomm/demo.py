@@ -21,6 +21,8 @@ from beltcomm.given import pasted
 from beltcomm.language import told, tr
 from beltcomm.model import Model, load_plant
 from beltcomm.result import with_unit
+from beltcomm.rundata.revisions import current_model
+from beltcomm.runfolder import RunFolder
 from beltcomm.simulate.plant import SimulatedPlant
 from beltcomm.talk import Silence, Talk
 
@@ -110,7 +112,7 @@ def demo(run: Path, *, seed: int, talk: Talk | None = None) -> Iterator[DemoStep
     swept = api.friction(drive, run, options=_options(model, seed), talk=talk)
     yield DemoStep(
         f"beltcomm friction --drive {pasted(drive)} --run {pasted(run)}",
-        tr("Measure where it travels: strokes over the whole axis, both ways, slow to fast."),
+        tr("Measure where it travels: strokes over the whole axis, slow to fast."),
         swept.details[1:4],
     )
     api.friction(drive, run, options=_options(model, seed), talk=talk)
@@ -152,7 +154,9 @@ def demo(run: Path, *, seed: int, talk: Talk | None = None) -> Iterator[DemoStep
         )
     ladder = api.ladder(run)
     yield DemoStep(f"beltcomm ladder {pasted(run)}", tr("All of it as a staircase down to the noise."), ladder.text)
-    yield DemoStep("", tr("What was hidden"), answer(name, model, added), {"hidden": name, "named": list(added), "right": name in added})
+    yield DemoStep(
+        "", tr("What was hidden"), answer(name, model, added, run), {"hidden": name, "named": list(added), "right": name in added}
+    )
 
 
 def _plant_of(run: Path, model: Model) -> Path:
@@ -178,11 +182,16 @@ def _pictures(made: Sequence[str], run: Path) -> list[str]:
     return [tr("Before and after, as a picture: {file}", file=run / name) for name in made]
 
 
-def answer(name: str, model: Model, added: Sequence[str]) -> list[str]:
-    """Fault that was built into the axis, and whether it was found."""
+def answer(name: str, model: Model, added: Sequence[str], run: Path) -> list[str]:
+    """Fault that was built into the axis, and what was found of it."""
     effect = effect_named(name)
     amounts = (with_unit(f"{key.partition('.')[2]} {model[key]:.3g}", model.parameters[key].unit) for key in effect.full_names())
-    right = tr("found") if name in added else tr("not found: {names} was named", names=", ".join(added))
+    right = tr("not found: {names} was named", names=", ".join(added))
+    if name in added and (known := current_model(RunFolder.open(run))) is not None:
+        halves = {key: known.parameters[key].interval for key in effect.full_names()}
+        right = f"{tr('found')}: " + ", ".join(
+            f"{key.partition('.')[2]} {known[key]:.3g}" + ("" if half is None else f" ± {half:.2g}") for key, half in halves.items()
+        )
     return [
         tr(
             "Hidden was {name} ({title}): {amounts}; {right}.", name=name, title=told(effect.title), amounts=", ".join(amounts), right=right

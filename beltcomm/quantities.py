@@ -29,6 +29,9 @@ class Unit:
     others: Mapping[str, float]
 
 
+#: Decimals of an error in mm.
+FINEST = 4
+
 _INERTIA = {"kgm2": 1.0, "kgcm2": 1e-4, "kgmm2": 1e-6, "gcm2": 1e-7}
 _ANGLE = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0, "°": math.pi / 180.0, "rev": math.tau}
 _LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
@@ -126,14 +129,20 @@ def in_other_unit(name: str, wanted: str) -> float | None:
 
 
 def in_mm(value_m: float) -> str:
-    """Error of a position in mm as every screen, page and file has it, without the unit: three digits, no power of ten, - for none.
+    """Error of a position in mm as every screen, page and file has it, without the unit.
+
+    Three digits, none finer than a tenth of a micrometre (0.0025 for a screw's 2.48 µm); below a micrometre two; - for none.
 
     Parameters
     ----------
     value_m : float, m
         Of an error.
     """
-    return f"{float(f'{1e3 * value_m:.3g}'):.5f}".rstrip("0").rstrip(".") if math.isfinite(value_m) else "-"
+    if not math.isfinite(value_m):
+        return "-"
+    value = float(f"{1e3 * value_m:.3g}")
+    fine = round(value, FINEST) if abs(value) >= 1e-3 else float(f"{value:.2g}")
+    return f"{fine:.6f}".rstrip("0").rstrip(".")
 
 
 def mm(value_m: float) -> str:

@@ -116,7 +116,7 @@ class Display:
         """Of the whole job on the machine where its seconds are known, else of the calculation."""
         share, after = self._fraction or 0.0, f"{100.0 * (self._fraction or 0.0):.0f} %{self._left}"
         if self.place is not None and self.place.left_s is not None and self._most_left_s > 0.0:
-            share, after = 1.0 - self.place.left_s / self._most_left_s, f"{after}; {machine_left(self.place)}"
+            share, after = 1.0 - self.place.left_s / self._most_left_s, f"{machine_left(self.place)}   {tr('record')} {after}"
         length = min(40, width - len(after) - len(INDENT) - 2)
         if length < SHORTEST:
             yield Text(INDENT + after)

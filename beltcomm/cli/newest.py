@@ -98,6 +98,24 @@ def _refused() -> Path:
     )
 
 
+def of_newest_axis(folder: Path = RUNS) -> list[Path]:
+    """Runs of the axis of the newest one.   Raises UsageError where there is none."""
+    from beltcomm.runfolder import RunFolder
+
+    named: dict[str, list[Path]] = {}
+    last = ""
+    for path in runs_here(folder):
+        try:
+            opened = RunFolder.open(path)
+            last = opened.axis.name if opened.has_axis else ""
+        except BeltcommError:  # told where it is named
+            continue
+        named.setdefault(last, []).append(path)
+    if not named:
+        _refused()
+    return named[last]
+
+
 def drive_of(run: Path | None) -> Reached | None:
     """The drive that a run was made on, as it was called then; None where it does not tell."""
     from beltcomm.rundata import headline

@@ -27,7 +27,8 @@ def command(frame: Invocation, /, folder: Path) -> int:
 
     found = [_told(path) for path in reversed(runs_here(folder))]
     if not found:
-        frame.print({"runs": []}, [f"There is no run in {folder}.", "Next: beltcomm commission --drive virtual   (makes one)"])
+        none = tr("There is no run in {folder}.", folder=folder)
+        frame.print({"runs": []}, [none, "Next: beltcomm commission --drive virtual   (makes one)"])
         return 0
     words = [str(one["headline"]["word"]) for one in found]
     rows = [

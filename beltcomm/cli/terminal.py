@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 #: Columns of a terminal that does not tell, and of any.
 USUAL_WIDTH, WIDEST = 80, 1000
 #: Between two columns of a drawn table.
-GAP = 3
+GAP = 2
 #: What the parts of a line look like where there are colours; bold stays without them.
 STYLES = {
     "good": "bold green",
@@ -233,7 +233,7 @@ def _draw_table(rows: list[Any], console: Console) -> None:
     head, *body = rows
     widths = _widths(rows, console.width)
     if widths:
-        drawn = Table(box=SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="bold")
+        drawn = Table(box=SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0), header_style="bold")
         for title, right, width in zip(head.cells, head.right, widths, strict=True):
             drawn.add_column(title, justify="right" if right else "left", width=width)
         for row in body:

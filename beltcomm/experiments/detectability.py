@@ -144,7 +144,7 @@ def _amount(entry: Mapping[str, Any]) -> str:
     value, unit = entry["weakest"], entry["unit"]
     if unit in ("", "1"):
         return f"{100.0 * value:.2g} %"
-    fits = ((p, f) for p, f in (("", 1.0), ("m", 1e3), ("u", 1e6)) if unit not in PREFIXED or value * f >= 0.3 or p == "u")
+    fits = ((p, f) for p, f in (("", 1.0), ("m", 1e3), ("µ", 1e6)) if unit not in PREFIXED or value * f >= 0.3 or p == "µ")
     prefix, factor = next(fits)
     return with_unit(f"{value * factor:.3g}", f"{prefix}{unit}")
 

@@ -161,7 +161,7 @@ def _stops(plan: Plan) -> list[Line]:
         told = (
             tr("bus or PC lost in a move: up to {force:.0f} N for milliseconds, until it stands", force=lost)
             if stop is None
-            else tr("in a move: a stop up to {stop:.0f} N beside friction, bus or PC lost up to {force:.0f} N", stop=stop, force=lost)
+            else tr("belt, briefly: a stop up to {stop:.0f} N beside friction, bus or PC lost {force:.0f} N", stop=stop, force=lost)
         )
         rows.append(Line("  ", told))
     return [*rows, Line("  ", plan.written())]

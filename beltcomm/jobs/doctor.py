@@ -15,8 +15,9 @@ from beltcomm.experiments.options import Options
 from beltcomm.given import pasted
 from beltcomm.jobs.axis_findings import compared
 from beltcomm.language import told, tr
-from beltcomm.result import Result, plain
+from beltcomm.result import Line, Result, plain
 from beltcomm.sentences.own_words import own_words
+from beltcomm.sentences.screens import state_lines
 from beltcomm.talk import Silence, Talk
 
 #: How a state is printed before its sentence.
@@ -166,7 +167,10 @@ def _result(drive: str | None, findings: Sequence[Finding], next_step: str) -> R
     data = {"drive": drive, "findings": [plain(finding) for finding in findings], "counts": counts, "exit_code": code, "next": next_step}
     fine = [finding for finding in findings if finding.state == "ok" and not finding.remedy]
     rest = [finding for finding in findings if finding not in fine]
-    lines = [*_lines(rest), *([""] if rest else []), *_summary(drive, counts, code, len(fine)), told(next_step)]
+    also = [
+        tr("As it must be: 1 thing (--details).") if len(fine) == 1 else tr("As it must be: {count} things (--details).", count=len(fine))
+    ]
+    lines = [*_headline(drive, counts, code), *_lines(rest), *(also if fine else []), told(next_step)]
     return Result(data, lines, code, details=list(_lines(fine)))
 
 
@@ -180,15 +184,15 @@ def _lines(findings: Sequence[Finding]) -> Iterator[str]:
                 yield f"  {'':<{_WIDTH}}-> {told(finding.remedy)}"
 
 
-def _summary(drive: str | None, counts: dict[State, int], code: int, fine: int) -> Iterator[str]:
+def _headline(drive: str | None, counts: dict[State, int], code: int) -> list[Line]:
+    """State of the drive or of this machine, in a word and a sentence."""
     wrong, warnings = counts["wrong"], counts["warning"]
     also = ", " + (tr("1 warning") if warnings == 1 else tr("{count} warnings", count=warnings)) if warnings else ""
     if code == DriveError.exit_code:
-        yield tr("The drive {drive} cannot be reached{also}.", drive=drive, also=also)
-    elif wrong:
+        return state_lines(tr("NOT REACHED"), tr("The drive {drive} cannot be reached{also}.", drive=drive, also=also), "bad")
+    if wrong:
         fails = tr(": commissioning would fail") if drive else ""
-        yield (tr("1 thing is wrong") if wrong == 1 else tr("{count} things are wrong", count=wrong)) + f"{also}{fails}."
-    else:
-        yield (tr("Nothing is wrong{also}.", also=also) if drive else tr("This machine is ready{also}.", also=also))
-    if fine:
-        yield tr("As it must be: 1 thing (--details).") if fine == 1 else tr("As it must be: {count} things (--details).", count=fine)
+        many = tr("1 thing is wrong") if wrong == 1 else tr("{count} things are wrong", count=wrong)
+        return state_lines(tr("WRONG"), f"{many}{also}{fails}.", "bad")
+    sentence = tr("Nothing is wrong{also}.", also=also) if drive else tr("This machine is ready{also}.", also=also)
+    return state_lines(tr("READY"), sentence, "good")

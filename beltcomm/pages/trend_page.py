@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +19,11 @@ from beltcomm.locks import occupied
 from beltcomm.pages.gather import results_of
 from beltcomm.pages.page_file import admit_page, write_page
 from beltcomm.pages.quantities import Quantity, quantities_of
+from beltcomm.pages.trend_screen import MINUTE, Dated, TrendLine, date_of, number_of, screen, step
 from beltcomm.report.page import Fact, Page, PageTable, Paragraphs, Section, State, picture_of, render
 from beltcomm.report.style import Caption
 from beltcomm.report.trend import DAY_S, Followed, trend_figure
-from beltcomm.result import Result, plain
+from beltcomm.result import Line, Result, plain
 from beltcomm.rundata.revisions import current_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.own_words import said_in
@@ -36,10 +37,6 @@ NAME = "trend.html"
 FAR = 3.0
 #: What is told first.
 STATES = ("reached", "drifts", "unsure", "steady")
-#: Per cent a year that nobody speaks of.
-MINUTE = 1e-3
-#: The year 2200: dates beyond it are no dates of a machine.
-LAST_S = 7.258e9
 
 
 def _targets(axis: Axis) -> dict[str, Limit]:
@@ -49,53 +46,6 @@ def _targets(axis: Axis) -> dict[str, Limit]:
         "dynamic_error": Limit(None, axis.targets.following_m, f"{why} of the move that verifies", absolute=True),
         "static_error": Limit(None, axis.targets.settled_m, f"{why} of the move that verifies", absolute=True),
     }
-
-
-@dataclass(frozen=True)
-class Dated:
-    """A run.
-
-    Attributes
-    ----------
-    t_s : float
-        Of its beginning, s since 1970.
-    source : str
-        Where that comes from.
-    found : Mapping[str, Quantity]
-        Its quantities.
-    """
-
-    name: str
-    t_s: float
-    source: str
-    found: Mapping[str, Quantity]
-
-
-@dataclass(frozen=True)
-class TrendLine:
-    """One quantity over the runs.
-
-    Attributes
-    ----------
-    state : str
-        "reached", "drifts", "steady", "unsure".
-    text : str
-        In words.
-    reach_s : tuple[float, float, float] or None
-        When its limit is reached, earliest, by the line, latest; None where that is not known.
-    """
-
-    last: Quantity
-    runs: tuple[str, ...]
-    t_s: tuple[float, ...]
-    values: tuple[float, ...]
-    intervals: tuple[float | None, ...]
-    limits: tuple[float | None, float | None]
-    why: str
-    course: LinearTrend | None
-    state: str
-    text: str
-    reach_s: tuple[float, float, float] | None
 
 
 def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[str] = (), out: Path | None = None) -> Result:
@@ -154,7 +104,7 @@ def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[s
     newest = max(runs, key=lambda run: next(d.t_s for d in dated if d.name == run.resolve().name))
     where = out or newest / NAME
     data = {
-        "runs": [{"name": d.name, "date": _date(d.t_s), "date_from": d.source} for d in dated],
+        "runs": [{"name": d.name, "date": date_of(d.t_s), "date_from": d.source} for d in dated],
         "verdict": page.verdict,
         "quantities": {one.last.key: plain(one) for one in followed},
         "remarks": remarks,
@@ -162,8 +112,11 @@ def trend(runs: Sequence[Path], *, limits: Sequence[str] = (), dates: Sequence[s
     with occupied(newest, Silence()):
         write_page(where, render(page), said_in(terms, data))
     reached = any(one.state == "reached" for one in followed)
-    text = [page.verdict, *(f"  {one.text}" for one in followed), *(f"Note: {line}" for line in remarks)]
-    return Result({**data, "page": str(where)}, [*text, f"Trend: {where}, numbers in {where.with_suffix('.json').name}"], int(reached))
+    text: list[str] = [*screen(followed, dated), *(Line("   ", (f"! {line}", "note")) for line in remarks)]
+    courses = [f"{one.last.words}: {one.text.removeprefix(f'{one.last.words}: ')}" for one in followed]
+    first = given[shown[0].name] if shown else newest
+    text = [*text, f"  Trend: {where}, numbers in {where.with_suffix('.json').name}", *step(followed, first, newest)]
+    return Result({**data, "page": str(where)}, text, int(reached), details=["", *courses])
 
 
 def _dated(run: Path, date: str | None) -> Dated:
@@ -183,7 +136,7 @@ def _days_watched(folder: RunFolder) -> list[Dated]:
             if key in known
         }
         if here:
-            found.append(Dated(f"{folder.path.resolve().name}, watched {_date(t_s)}", t_s, "watch", here))
+            found.append(Dated(f"{folder.path.resolve().name}, watched {date_of(t_s)}", t_s, "watch", here))
     return found
 
 
@@ -254,7 +207,7 @@ def _said(
         if bound is not None and beyond * (last.value - bound) > 0.0:
             surely = last.interval is None or beyond * (last.value - bound) > last.interval
             word = "has reached its limit" if surely else "is at its limit, within its interval"
-            return "reached", f"{last.words} {word}: {last.shown()}, limit {_number(last, bound)}", None
+            return "reached", f"{last.words} {word}: {last.shown()}, limit {number_of(last, bound)}", None
     if course is None:
         change = 100.0 * (last.value / first.value - 1.0) if first.value else math.nan
         days = f"{_days(t_s)} of {FEWEST} days"
@@ -273,24 +226,13 @@ def _said(
     assert reach is not None  # it drifts
     early, by_line, late = reach
     far = by_line - float(t_s[-1]) > FAR * float(np.ptp(t_s))
-    when = f"limit {_number(last, bound)} by the line on {_date(by_line)} ({_date(early)} to {_date(late)})"
+    when = f"limit {number_of(last, bound)} by the line on {date_of(by_line)} ({date_of(early)} to {date_of(late)})"
     return "drifts", f"{text}; {when}" + (", far beyond the time observed: cannot tell" if far else ""), reach
 
 
 def _days(t_s: np.ndarray) -> int:
     """Number of days with a run: several runs of one day show how they scatter, no course."""
     return len(np.unique(np.floor(t_s / DAY_S)))
-
-
-def _number(item: Quantity, value: float) -> str:
-    return f"{item.scale * value:.3g} {item.unit}"
-
-
-def _date(t_s: float) -> str:
-    """Day as ISO 8601, UTC; one beyond all planning in words."""
-    if not 0.0 <= t_s < LAST_S:
-        return "after 2200" if t_s > 0.0 else "before 1970"
-    return str(np.datetime64(int(t_s), "s").astype("datetime64[D]"))
 
 
 def _page(axis: str, followed: Sequence[TrendLine], dated: Sequence[Dated], paths: Sequence[Path], remarks: Sequence[str]) -> Page:
@@ -311,7 +253,7 @@ def _page(axis: str, followed: Sequence[TrendLine], dated: Sequence[Dated], path
     )
     days = (dated[-1].t_s - dated[0].t_s) / DAY_S
     facts = [
-        Fact("Runs", f"{len(dated)}", f"{_date(dated[0].t_s)} to {_date(dated[-1].t_s)}, {days:.0f} days"),
+        Fact("Runs", f"{len(dated)}", f"{date_of(dated[0].t_s)} to {date_of(dated[-1].t_s)}, {days:.0f} days"),
         Fact(
             "Drifting",
             f"{len(drifting)}",
@@ -320,7 +262,7 @@ def _page(axis: str, followed: Sequence[TrendLine], dated: Sequence[Dated], path
         ),
         Fact(
             "First limit",
-            "reached" if reached else _date(soon.reach_s[1]) if soon is not None and soon.reach_s else "not in sight",
+            "reached" if reached else date_of(soon.reach_s[1]) if soon is not None and soon.reach_s else "not in sight",
             reached[0].text if reached else soon.text if soon is not None else "",
             "bad" if reached else "note" if soon is not None else "",
         ),
@@ -358,7 +300,7 @@ def _page(axis: str, followed: Sequence[TrendLine], dated: Sequence[Dated], path
         Section("words", "What drifts", [Paragraphs([one.text for one in followed], listed=True)]),
         Section("courses", "Courses", [picture_of(trend_figure(scaled, caption))]),
         Section("limits", "Limits", [PageTable(("quantity", "unit", "first", "last", "low", "high", "why"), rows, _LIMIT_WORDS)]),
-        Section("runs", "Runs", [PageTable(("run", "date", "from"), [(d.name, _date(d.t_s), d.source) for d in dated])]),
+        Section("runs", "Runs", [PageTable(("run", "date", "from"), [(d.name, date_of(d.t_s), d.source) for d in dated])]),
     ]
     return Page(
         f"{axis}: trend", f"{names[0]} to {names[-1]}", verdict, state, facts, steps, sections, [f"Made by: {caption.command}", *remarks]

@@ -74,7 +74,11 @@ def comparison_details(comparison: Comparison, model: Model) -> list[str]:
         Of the axis.
     """
     first = comparison.plain or comparison.plain_held_out
-    apart = f"{first.unit} and % up to {first.band_hz:g} Hz; x noise at all frequencies, by its own noise: no quotient." if first else ""
+    apart = (
+        f"{_unit(first.unit)[1]} and % up to {first.band_hz:g} Hz; x noise at all frequencies, by its own noise: no quotient."
+        if first
+        else ""
+    )
     return [f"Model: {', '.join(model.effects)}.", "", *table(*record_table(comparison)), apart, ""]
 
 
@@ -143,7 +147,8 @@ def error_words(ratios: tuple[float, float | None], plain: Plain) -> str:
     (ratio, held), (whole, whole_held) = ratios, plain
     own = ""
     if whole is not None:
-        size = with_unit(f"{whole.error:.3g}", whole.unit)
+        factor, unit = _unit(whole.unit)
+        size = with_unit(f"{factor * whole.error:.3g}", unit)
         own = tr(", {percent:.2g} % of torque ({size})", percent=whole.percent, size=size)
     theirs = "" if whole_held is None else f", {whole_held.percent:.2g} %"
     return tr("{ratio:.2f} x noise", ratio=ratio) + own + ("" if held is None else tr("; held out {held:.2f} x", held=held) + theirs)
@@ -163,12 +168,18 @@ def record_table(comparison: Comparison) -> tuple[list[str], list[list[str]]]:
         Titles and rows.
     """
     first = comparison.plain or comparison.plain_held_out
-    titles = [">" + tr("% of torque"), f">{tr('error')} {first.unit}", f">{tr('noise')} {first.unit}"] if first is not None else []
+    factor, unit = (1.0, "") if first is None else _unit(first.unit)
+    titles = [">" + tr("% of torque"), f">{tr('error')} {unit}", f">{tr('noise')} {unit}"] if first is not None else []
     rows = []
     for r in comparison.records:
-        own = [] if r.plain is None else [f"{r.plain.percent:.3g}", f"{r.plain.error:.3g}", f"{r.plain.noise:.3g}"]
+        own = [] if r.plain is None else [f"{r.plain.percent:.3g}", f"{factor * r.plain.error:.3g}", f"{factor * r.plain.noise:.3g}"]
         rows.append([r.name, f"{r.ratio:.2f}", *(own or [""] * len(titles)), tr("held out") if r.held_out else ""])
     return [tr("record"), ">" + tr("x noise"), *titles, ""], rows
+
+
+def _unit(unit: str) -> tuple[float, str]:
+    """Factor and unit in which what a model leaves is read: mN m for N m."""
+    return (1e3, "mN m") if unit == "N m" else (1.0, unit)
 
 
 def _labelled(label: str, text: str) -> Line:

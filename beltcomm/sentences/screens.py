@@ -29,6 +29,8 @@ from beltcomm.verify import TrackingError, Verdict
 
 #: Columns of a screen; warnings that it shows.
 WIDE, MOST_WARNINGS = 80, 3
+#: s, below which a move has settled with its end.
+AT_ONCE_S = 5e-4
 #: How a note begins that nobody has to act on.
 UNHURRIED = "not recorded, for "
 #: What of a data sheet is off, in the words of a screen: entry -> (found less, found more).
@@ -95,7 +97,13 @@ def tracking_lines(verdict: Verdict) -> list[Line]:
             label = tr("after {s:g} s", s=targets.after_s)
             rows.append(_error_row(label, place, "static_m", measured, predicted, spread, targets.settled_m, judged))
     place, one = ("carriage", verdict.measured_cart) if verdict.measured_cart else ("motor", verdict.measured)
-    settled = tr("never settles") if one.settling_s is None else tr("settles in {ms:.0f} ms", ms=1e3 * one.settling_s)
+    settled = (
+        tr("never settles")
+        if one.settling_s is None
+        else tr("settled when the move ends")
+        if one.settling_s < AT_ONCE_S
+        else tr("settles in {ms:.0f} ms", ms=1e3 * one.settling_s)
+    )
     return [*rows, Line("   ", f"{tr('overshoot')}, {tr(place)}".ljust(26), f"{mm(one.overshoot_m)}".ljust(11), settled)]
 
 
@@ -218,10 +226,12 @@ def gain_lines(cascade: Cascade) -> list[Line]:
 
 
 def loop_lines(margins: Sequence[Margins], binding: Sequence[str]) -> list[Line]:
-    """Bandwidths (crossovers: with the friction of a standstill .. in motion) with what limits them; margins, of all variants the worst."""
+    """Bandwidths (crossovers: in motion, and with the friction at rest) with what limits them; margins, of all variants the worst."""
     worst = worst_of(margins)
-    velocity, position = ("..".join(dict.fromkeys(map(_digits, ends))) for ends in bandwidths_hz(margins))
-    first = f"{tr('bandwidth')}: {tr('velocity')} {velocity} Hz, {tr('position')} {position} Hz"
+    (still, velocity), (resting, position) = bandwidths_hz(margins)
+    first = f"{tr('bandwidth')}: {tr('velocity')} {_digits(velocity)} Hz, {tr('position')} {_digits(position)} Hz"
+    if (still, resting) != (velocity, position):
+        first += " " + tr("(at rest {velocity}, {position})", velocity=f"{still:.2g}", position=f"{resting:.2g}")
     told = f"{worst.gain_margin_db:.3g} dB" if math.isfinite(worst.gain_margin_db) else tr("unlimited")
     phases = f"{tr('phase margin')} {worst.phase_margin_deg:.0f}°, {tr('position')} {worst.position_phase_margin_deg:.0f}°"
     second = f"{phases}   {tr('gain margin')} {told}   Ms {worst.sensitivity_db:.2g} dB"

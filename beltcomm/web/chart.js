@@ -23,6 +23,12 @@ export function number(value, digits = 3) {
   return Math.abs(value) >= 100 && digits === 3 ? value.toFixed(0) : String(Number(value.toPrecision(digits)));
 }
 
+/** An error in mm as every screen has it: three digits, none finer than a tenth of a micrometre; below a micrometre two. */
+export function mm(value_m) {
+  const value = 1e3 * value_m;
+  return Math.abs(value) < 1e-3 ? number(value, 2) : number(Number(Number(value.toPrecision(3)).toFixed(4)));
+}
+
 // In units of another kind of axis numbers are multiplied where they are written; what is drawn stays.
 const timesOf = (which, v) => (v === null || v === undefined ? v : v * (which.factor || 1));
 
@@ -173,7 +179,12 @@ export function vertical(u, ctx, x, words, stroke, row = 0) {
   ctx.font = `${11 * devicePixelRatio}px ${colour("font")}`;
   ctx.textBaseline = "top";
   ctx.textAlign = "left"; // whole: cut in front, 12.4 reads 2.4
-  ctx.fillText(` ${words} `, Math.max(Math.min(px, u.bbox.left + u.bbox.width - ctx.measureText(` ${words} `).width), u.bbox.left), u.bbox.top + (3 + 14 * row) * devicePixelRatio);
+  const wide = ctx.measureText(` ${words} `).width, left = Math.max(Math.min(px, u.bbox.left + u.bbox.width - wide), u.bbox.left);
+  const top = u.bbox.top + (3 + 14 * row) * devicePixelRatio;
+  ctx.fillStyle = colour("paper"); // no dot runs through the words
+  ctx.fillRect(left + devicePixelRatio, top - devicePixelRatio, wide - 2 * devicePixelRatio, 13 * devicePixelRatio);
+  ctx.fillStyle = stroke;
+  ctx.fillText(` ${words} `, left, top);
 }
 
 // Charts of a view that is hidden are drawn when it is shown.

@@ -1,6 +1,6 @@
 // The design: sends what the controls hold, draws what comes back.
 
-import { chart, colour, element, horizontal, number, vertical } from "./chart.js";
+import { chart, colour, element, horizontal, mm, number, vertical } from "./chart.js";
 
 const $ = (id) => document.getElementById(id);
 const NAMES = {
@@ -98,9 +98,9 @@ export function design(ask) {
       const missed = [1e3 * one.dynamic_m > dynamic_mm && `${dynamic_mm} mm`, 1e3 * one.static_m > static_mm && `${static_mm} mm`].filter(Boolean);
       return missed.length ? ` (misses ${missed.join(" and ")})` : ` (meets ${dynamic_mm} mm and ${static_mm} mm)`;
     };
-    const rest = places.includes("carriage") ? ` while moving, ${number(1e3 * cart_error.static_m)} mm at rest` : "";
-    $("error").textContent = `At the motor ${number(1e3 * error.dynamic_m)} mm while moving, ${number(1e3 * error.static_m)} mm at rest${judged("motor", error)}; ` +
-      `at the carriage ${number(1e3 * cart_error.dynamic_m)} mm${rest}${judged("carriage", cart_error)}.` + (found.new.saturated.length ? ` It reaches ${found.new.saturated.join(" and ")}.` : "");
+    const rest = places.includes("carriage") ? ` while moving, ${mm(cart_error.static_m)} mm at rest` : "";
+    $("error").textContent = `At the motor ${mm(error.dynamic_m)} mm while moving, ${mm(error.static_m)} mm at rest${judged("motor", error)}; ` +
+      `at the carriage ${mm(cart_error.dynamic_m)} mm${rest}${judged("carriage", cart_error)}.` + (found.new.saturated.length ? ` It reaches ${found.new.saturated.join(" and ")}.` : "");
     const now = found.new, was = found.present;
     scales.tracking = range("tracking", [...now.motor_mm, ...now.cart_mm, ...was.motor_mm, ...was.cart_mm]);
     plots.tracking.set(uPlot.join([[now.t_s, now.motor_mm, now.cart_mm], [was.t_s, was.motor_mm, was.cart_mm]]));
@@ -177,11 +177,11 @@ export function design(ask) {
       const tables = [of(now.open_loops), of(was.open_loops), ...(seen ? [of(seen)] : [])], joined = uPlot.join(tables);
       plots[id].set(seen ? joined : [...joined, ...LOOPS.map(() => joined[0].map(() => null))]);
     }
-    const mm = (one) => one.responses.disturbance_m.map((value) => (value === null ? null : 1e3 * value));
+    const inMm = (one) => one.responses.disturbance_m.map((value) => (value === null ? null : 1e3 * value));
     scales.step = range("step", [now, was].flatMap((one) => [...one.responses.position, ...one.responses.velocity]));
-    scales.disturbance = range("disturbance", [...mm(now), ...mm(was)]);
+    scales.disturbance = range("disturbance", [...inMm(now), ...inMm(was)]);
     plots.step.set(uPlot.join([[now.responses.t_s, now.responses.velocity, now.responses.position], [was.responses.t_s, was.responses.velocity, was.responses.position]]));
-    plots.disturbance.set(uPlot.join([[now.responses.t_s, mm(now)], [was.responses.t_s, mm(was)]]));
+    plots.disturbance.set(uPlot.join([[now.responses.t_s, inMm(now)], [was.responses.t_s, inMm(was)]]));
     $("measured-words").textContent = `Speed: the velocity loop alone. Position: the whole cascade without feedforward.` + (seen ? ` Dots: these gains on the measured response of ${seen.record} at ${number(1e3 * seen.place_m)} mm; friction makes it lower where it hardly moves.` : "");
   }
 
@@ -246,8 +246,8 @@ export function design(ask) {
         continue;
       }
       button.disabled = false;
-      button.replaceChildren(`${number(found.position_crossover_hz)} Hz`, element("br"), `${number(1e3 * found.dynamic_m)} mm`);
-      button.title = `${kind.words}; ${pace.title}: position bandwidth ${number(found.position_crossover_hz)} Hz, predicted error ${number(1e3 * found.dynamic_m)} mm`;
+      button.replaceChildren(`${number(found.position_crossover_hz)} Hz`, element("br"), `${mm(found.dynamic_m)} mm`);
+      button.title = `${kind.words}; ${pace.title}: position bandwidth ${number(found.position_crossover_hz)} Hz, predicted error ${mm(found.dynamic_m)} mm`;
       button.setAttribute("aria-label", `${kind.title}, ${button.title}`);
       button.addEventListener("click", () => turn({ ...found.setting, payload_kg: setting.payload_kg, position_m: setting.position_m, loaded: setting.loaded }));
       if (!best[pace.key] || found.stiffness > best[pace.key].stiffness) {

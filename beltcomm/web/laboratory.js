@@ -1,6 +1,6 @@
 // The laboratory: what the model leaves along every coordinate, linked; what could explain a part of it; adding and taking out.
 
-import { chart, colour, element, floats, horizontal, line, number, vertical } from "./chart.js";
+import { chart, colour, element, floats, horizontal, line, mm, number, vertical } from "./chart.js";
 import { recordView } from "./record.js";
 
 const $ = (id) => document.getElementById(id);
@@ -145,8 +145,8 @@ export function laboratory(ask) {
     const top = Math.max(1.2, ...revisions.map((one) => one.ratio));
     $("stairs").replaceChildren(...revisions.slice(-8).map((one) => {
       const bar = element("i");
-      bar.style.height = `${Math.max(5 * one.ratio / top, 0.2)}rem`;
-      const cost = one.cost && one.cost.unaware ? ` ${number(1e3 * one.cost.unaware.dynamic_m)} → ${number(1e3 * one.cost.aware.dynamic_m)} mm` : "";
+      bar.style.height = `${Math.max(4 * (one.ratio - 1) / (top - 1), 0)}rem`;  // above the noise, which is the bar's foot
+      const cost = one.cost && one.cost.unaware ? ` ${mm(one.cost.unaware.dynamic_m)} → ${mm(one.cost.aware.dynamic_m)} mm` : "";
       const step = element("li", { title: `${one.name}: ${one.ratio.toFixed(3)} times the noise${cost ? `; predicted error of the move, gains designed without and with it: ${cost}` : ""}` },
         element("b", {}, one.ratio.toFixed(2)), bar, one.change.replaceAll("_", " "), ...(cost ? [element("br"), cost] : []));
       if (one.confirmed === false) step.className = "worse";
