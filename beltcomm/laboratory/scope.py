@@ -76,15 +76,13 @@ def restrict_to_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tupl
     if sentence := current_loop_within_sample(found) or structure_of_rounding(found) or delay_of_path(found):
         return replace(found, verdict="cannot tell"), [sentence]
     unnamed = not_named(found.base.model, recordings)
-    if not unnamed:
-        return found, []
     if name := next((step.added for step in found.steps if step.added in unnamed), ""):
         sentence = (
             f"{name} fits best, but no record is excited: strokes and moves hardly contain the frequencies at which it acts, so "
             "it is not named. Record an excitation (frf) and ask again."
         )
         return without_names(found, unnamed), [sentence]
-    if found.verdict == NONE_EXPLAINS and found.final_fit.ratio < UNDECIDED:
+    if unnamed and found.verdict == NONE_EXPLAINS and found.final_fit.ratio < UNDECIDED:
         sentence = (
             f"An error of {found.final_fit.ratio:.2f} times the noise may be the noise itself: it is known to some "
             f"{100.0 * (UNDECIDED - 1.0):.0f} % "

@@ -6,7 +6,8 @@ shares of it.  Until there is one the run's values are held against, and moves i
 move on stays in alarm.
 
 Of the last :data:`POOL` moves the mean with weights 1/interval², whose interval is the moves' own or, where they scatter more than they
-know of themselves, their scatter (Student).  Of the error over the noise it is the median: a knock against the axis is one move.
+know of themselves, their scatter (Student); ten moves may scatter little by chance, so that of the last hundred counts, too, by the steps
+from one to the next.  Of the error over the noise it is the median: a knock against the axis is one move.
 
 A change is *noticed* when it is surer than :data:`SURE` and more than the axis changes by itself; it is an *alarm* when the limit is
 passed by more than the interval.
@@ -19,13 +20,13 @@ from collections import deque
 from collections.abc import Mapping
 
 from beltcomm.model.value import NORMAL_95
-from beltcomm.watching.estimates import ERROR, FEWEST, POOL, MoveEstimate, Standing, State, pooled
+from beltcomm.watching.estimates import ERROR, FEWEST, POOL, MoveEstimate, Standing, State, excess_of, pooled
 from beltcomm.watching.judge import JudgedMove
 from beltcomm.watching.limits import UNKNOWN, USUAL, Limit
 from beltcomm.watching.places import PLACE, PlaceDrift
 
-#: Moves of the base.
-BASE = 20
+#: Moves of the base, and moves that tell how far they scatter.
+BASE, LATELY = 20, 100
 #: Deviations beyond which a change is no chance, in a thousand moves and with some quantities looked at: set on one set of simulated
 #: axes, told on another (docs/watch.md).
 SURE = 4.5
@@ -63,6 +64,7 @@ class AxisDrift:
         """Begin a new base with the next move."""
         self._last = {key: deque(maxlen=POOL) for key in self._reference}
         self._first, self._base = {key: [] for key in self._reference}, {}
+        self._lately: dict[str, deque[MoveEstimate]] = {key: deque(maxlen=LATELY) for key in self._reference}
         if self._places is not None:
             self._places.begin_anew()
 
@@ -76,12 +78,13 @@ class AxisDrift:
             if key not in told:
                 continue
             last.append(told[key])
+            self._lately[key].append(told[key])
             if key not in self._base:
                 self._first[key].append(told[key])
                 if self._standing(key).state == "alarm":
                     self._first[key].clear()
                 elif len(self._first[key]) >= BASE:
-                    self._base[key] = MoveEstimate(*pooled(key, self._first[key]))
+                    self._base[key] = MoveEstimate(*pooled(key, self._first[key], excess_of(key, self._lately[key])))
         return [*(self._standing(key) for key in self._last), *([] if self._places is None else [self._places.add(places or {})])]
 
     def _standing(self, key: str) -> Standing:
@@ -92,7 +95,7 @@ class AxisDrift:
         why = limit.why if limit is not None else ""
         if len(last) < FEWEST:
             return Standing(key, reference, base, math.nan, math.nan, low, high, why, "few")
-        value, interval = pooled(key, last)
+        value, interval = pooled(key, last, excess_of(key, self._lately[key]))
         deviation = math.hypot(interval, against.interval) / NORMAL_95
         off = value - against.value
         if key == ERROR:

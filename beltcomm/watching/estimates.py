@@ -17,6 +17,9 @@ State = Literal["few", "steady", "changed", "alarm"]
 
 #: Moves that are taken together, and moves before anything is said.
 POOL, FEWEST = 10, 5
+#: Moves from which on their scatter is told; share of the steps from move to move that are smaller ones, and what their mean square is of
+#: that of all by chance.
+SCATTERING, SMALLER, SMALLER_MEAN = 20, 0.9, 0.6226
 #: Name of the error over the noise among the quantities.
 ERROR = "model_error"
 
@@ -80,7 +83,7 @@ class Standing:
         return math.hypot(self.interval, self.against.interval * self.value / self.against.value) / abs(self.against.value)
 
 
-def pooled(key: str, told: Sequence[MoveEstimate]) -> tuple[float, float]:
+def pooled(key: str, told: Sequence[MoveEstimate], excess: float = 1.0) -> tuple[float, float]:
     """A quantity over moves, and its interval.
 
     Parameters
@@ -89,25 +92,40 @@ def pooled(key: str, told: Sequence[MoveEstimate]) -> tuple[float, float]:
         Of the quantity.
     told : sequence of MoveEstimate
         By each move.
+    excess : float
+        Times as wide as the moves say of themselves, at least.
     """
     if len(told) == 1:
-        return told[0].value, told[0].interval
-    return _median(told) if key == ERROR else _mean(told)
+        return told[0].value, excess * told[0].interval
+    return _median(told, excess) if key == ERROR else _mean(told, excess)
 
 
-def _mean(last: Sequence[MoveEstimate]) -> tuple[float, float]:
+def excess_of(key: str, told: Sequence[MoveEstimate]) -> float:
+    """How many times further than their intervals say moves are off the next one, at least 1; what grows steadily does not show in it.
+
+    By the root mean square of the steps; of the error by that of the smaller ones, for a knock is two of them; 1 for few moves.
+    """
+    if len(told) < SCATTERING:
+        return 1.0
+    values, halves = np.array([one.value for one in told]), np.array([max(one.interval, 1e-300) for one in told])
+    steps = np.sort(NORMAL_95**2 * np.diff(values) ** 2 / (halves[1:] ** 2 + halves[:-1] ** 2))
+    square = float(np.mean(steps[: math.floor(SMALLER * len(steps))])) / SMALLER_MEAN if key == ERROR else float(np.mean(steps))
+    return max(1.0, math.sqrt(square))
+
+
+def _mean(last: Sequence[MoveEstimate], excess: float) -> tuple[float, float]:
     values, halves = np.array([one.value for one in last]), np.array([max(one.interval, 1e-300) for one in last])
     weights = (NORMAL_95 / halves) ** 2
     value = float(np.sum(weights * values) / np.sum(weights))
     square = float(np.sum(weights * (values - value) ** 2)) / (len(values) - 1)
-    wide = max(NORMAL_95, float(stdtrit(len(values) - 1, 0.975)) * math.sqrt(square))
+    wide = max(NORMAL_95 * excess, float(stdtrit(len(values) - 1, 0.975)) * math.sqrt(square))
     return value, wide / math.sqrt(float(np.sum(weights)))
 
 
-def _median(last: Sequence[MoveEstimate]) -> tuple[float, float]:
+def _median(last: Sequence[MoveEstimate], excess: float) -> tuple[float, float]:
     """Median; its interval by the moves' own or by their scatter, √(π/2) wider than that of a mean."""
     values = np.array([one.value for one in last])
     middle = float(np.median(values))
     own = float(np.median([one.interval for one in last]))
     scatter = NORMAL_95 * robust_deviation(values - middle)
-    return middle, math.sqrt(0.5 * math.pi / len(values)) * max(own, scatter)
+    return middle, math.sqrt(0.5 * math.pi / len(values)) * max(excess * own, scatter)

@@ -29,7 +29,7 @@ RUN, MOVING = "runs/axis", ("commission", "identify", "friction", "verify")
 #: Refused with its reason, and a target missed on purpose.
 ENDS_WITH_1 = ("fit --model three-mass", "verify --feedforward linear")
 #: s: a page that is served until it is stopped; any other command.
-SERVED_S, LONGEST_S = 30.0, 1200.0
+SERVED_S, LONGEST_S = 90.0, 1200.0
 
 
 def commands() -> dict[str, list[int]]:

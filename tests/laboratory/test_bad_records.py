@@ -20,7 +20,7 @@ from beltcomm.errors import DataError
 from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory import run_checks
 from beltcomm.laboratory.cross_checks import sheet_doubts
-from beltcomm.laboratory.diagnosis import Diagnosis, Stage, fit_base_of
+from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, Stage, fit_base_of
 from beltcomm.laboratory.run_checks import check_run
 from beltcomm.laboratory.scope import missing_records, restrict_to_scope
 from beltcomm.laboratory.score import Scorer
@@ -289,6 +289,12 @@ def test_strokes_alone_bear_no_name_of_the_belt_or_of_a_delay(run: tuple[list[Re
     assert restrict_to_scope(found, records) == (found, [])
     friction = Diagnosis(base, data, (Stage(base, (), "stribeck", (), base),), "explained", (), Scorer(base), data)
     assert restrict_to_scope(friction, slow) == (friction, [])
+    far = replace(base, residual=51.0 * base.residual / base.ratio, objective=9.0 * base.problem.samples)
+    unexplained = Diagnosis(far, data, (Stage(far, (), "", (), far),), NONE_EXPLAINS, (), Scorer(base), data)
+    kept, (sentence,) = restrict_to_scope(unexplained, records)
+    assert kept is unexplained
+    assert "An error of 51 times the noise" in sentence
+    assert "dial gauge" in sentence
     assert [line.partition(":")[0].partition(" (")[0] for line in missing_records(slow, axis.transmission_m_rad)] == [
         "no excited record",
         "no fitted record is faster than 0.5 m/s for a tenth of its time",

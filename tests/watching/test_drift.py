@@ -12,7 +12,7 @@ from beltcomm.errors import UsageError
 from beltcomm.sentences.watch import untold_sentence
 from beltcomm.watching import store
 from beltcomm.watching.drift import BASE, AxisDrift
-from beltcomm.watching.estimates import ERROR, FEWEST, MoveEstimate, Standing
+from beltcomm.watching.estimates import ERROR, FEWEST, MoveEstimate, Standing, excess_of
 from beltcomm.watching.limits import LIMITS, Limit, limits_given
 from beltcomm.watching.places import untold_by
 
@@ -28,6 +28,17 @@ def followed(values: list[float], interval: float = 0.02, key: str = KEY, limits
 def test_chance_is_no_change(seed: int) -> None:
     values = np.random.default_rng(seed).normal(1.0, 0.01, 400).tolist()
     assert {one.state for one in followed(values)} == {"few", "steady"}
+
+
+def test_ten_moves_that_scatter_little_by_chance_are_no_change() -> None:
+    """Each says that it knows its quantity 2.5 times better than it does, as of some belts: what all of them scatter counts."""
+    before = np.random.default_rng(9).normal(1.0, 0.12, 60).tolist()
+    interval = 1.96 * 0.12 / 2.5
+    assert followed([*before, *[1.2] * 10], interval, limits={})[-1].state == "steady"
+    assert followed([*before, *[1.5] * 10], interval, limits={})[-1].state == "changed"
+    knocked = [MoveEstimate(value, interval) for value in [*before, 9.0, *before]]
+    assert excess_of(KEY, knocked[:60]) == pytest.approx(2.5, rel=0.25)
+    assert excess_of(ERROR, knocked) == pytest.approx(2.5, rel=0.25)  # a knock against the axis is one move
 
 
 def test_a_law_that_is_not_quite_the_machine_s_is_no_change() -> None:
