@@ -199,7 +199,9 @@ def _model(run: Gathered) -> Fact:
 def _margin(run: Gathered) -> Fact:
     margins = run.design.get("margins") or []
     if not margins:
-        return Fact(tr("Phase margin"), tr("no design"), tr("beltcomm design makes one of the model"), "note")
+        belt = not run.folder.has_axis or run.folder.axis.has_transmission
+        words = tr("beltcomm design makes one of the model") if belt else tr("none is made of an axis without belt and pulley")
+        return Fact(tr("Phase margin"), tr("no design"), words, "note")
     least = min(m["phase_margin_deg"] for m in margins)
     asked = run.design["specification"]["phase_margin_deg"]
     words = tr("velocity loop, smallest of {count} variants of the model; {asked:.0f}° were asked for", count=len(margins), asked=asked)
