@@ -99,7 +99,13 @@ def _refused() -> Path:
 
 
 def of_newest_axis(folder: Path = RUNS) -> list[Path]:
-    """Runs of the axis of the newest one.   Raises UsageError where there is none."""
+    """Runs of the axis of the newest one.   Raises UsageError where there is none.
+
+    Parameters
+    ----------
+    folder : Path
+        Of all runs.
+    """
     from beltcomm.runfolder import RunFolder
 
     named: dict[str, list[Path]] = {}

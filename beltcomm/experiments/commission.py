@@ -92,6 +92,10 @@ def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) 
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
+    findings : Findings
+        Of the session; filled.
     brief : bool
         Fewer steps and a shorter response.
     """
@@ -128,6 +132,13 @@ def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) 
 
 def try_stop_here(machine: Machine, model: Model) -> None:
     """After an identification, where no louder record follows: show by a slow stop what its deceleration counts in, if it was not shown.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        Of the axis.
 
     Raises
     ------
@@ -262,6 +273,12 @@ def close_first_loop(machine: Machine, findings: Findings, model: Model, *, ask:
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
+    findings : Findings
+        Of the session; filled.
+    model : Model
+        Of the axis.
     ask : bool
         Before a loop with thin margins is closed.
 
@@ -277,6 +294,17 @@ def close_first_loop(machine: Machine, findings: Findings, model: Model, *, ask:
 def closed_for(machine: Machine, findings: Findings, model: Model, *, ask: bool = False) -> None:
     """A loop for strokes: a first one, or where nobody can write the gains the one that stands in the drive.
 
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    findings : Findings
+        Of the session; filled.
+    model : Model
+        Of the axis.
+    ask : bool
+        Before a loop with thin margins is closed.
+
     Raises
     ------
     Refused
@@ -291,7 +319,19 @@ def closed_for(machine: Machine, findings: Findings, model: Model, *, ask: bool 
 
 
 def first_cascade(machine: Machine, findings: Findings, model: Model, at_m: float) -> tuple[Cascade, float]:
-    """The cautious loop for a place, m, and its smallest phase margin, deg; nothing is written."""
+    """The cautious loop for a place, m, and its smallest phase margin, deg; nothing is written.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    findings : Findings
+        Of the session; filled.
+    model : Model
+        Of the axis.
+    at_m : float, m
+        Of the carriage.
+    """
     structure = machine.drive.capabilities.structure
     assume_delay(findings, structure)
     seen = at_m, delay(findings), analyse.apparent_damping(findings.thesis)
@@ -309,7 +349,23 @@ def first_cascade(machine: Machine, findings: Findings, model: Model, at_m: floa
 
 
 def close_loop(machine: Machine, findings: Findings, model: Model, cascade: Cascade, margin: float, *, ask: bool = False) -> Cascade:
-    """Write a first loop into the drive and count with its stops; returns it.   ask, raises : as :func:`close_first_loop`."""
+    """Write a first loop into the drive and count with its stops; returns it; raises as :func:`close_first_loop`.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    findings : Findings
+        Of the session; filled.
+    model : Model
+        Of the axis.
+    cascade : Cascade
+        To be written.
+    margin : float, deg
+        Smallest phase margin on the family.
+    ask : bool
+        Before a loop with thin margins is closed.
+    """
     machine.detail(f"first loop: Kp {cascade.kp_nm_s_rad:.4f} N m s/rad, smallest phase margin {margin:.0f} deg on an uncertain model")
     if margin < SURE_MARGIN_DEG:
         machine.talk.say(
@@ -418,6 +474,12 @@ def measure_friction(
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        Of the axis.
+    name : str
+        Of the record.
     speeds_m_s : sequence of float
         Instead of the usual seven, each once.
     longest_s : float, s
@@ -514,7 +576,21 @@ def fit_and_design(machine: Machine, findings: Findings, settings: Settings) -> 
 def design_for(
     axis: Axis, model: Model, structure: CascadeStructure, findings: Findings, settings: Settings
 ) -> tuple[DesignResult, Cascade]:
-    """The final design: both ends of the travel, the payload mounted now and the further ones stated."""
+    """The final design: both ends of the travel, the payload mounted now and the further ones stated.
+
+    Parameters
+    ----------
+    axis : Axis
+        As its file states it.
+    model : Model
+        Of the axis.
+    structure : CascadeStructure
+        Of the loops in the drive.
+    findings : Findings
+        Of the session; filled.
+    settings : Settings
+        Of the session.
+    """
     assume_delay(findings, structure)
     masses = [model["cart.mass"], *(model["cart.mass"] + extra for extra in settings.payloads_kg)]
     return analyse.design(
@@ -544,7 +620,17 @@ def known_model(findings: Findings) -> Model:
 
 
 def commission(machine: Machine, settings: Settings, findings: Findings) -> Findings:
-    """The whole job on a connected, referenced axis.  ``findings`` is filled as it goes, so an interruption loses nothing."""
+    """The whole job on a connected, referenced axis.  ``findings`` is filled as it goes, so an interruption loses nothing.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    settings : Settings
+        Of the session.
+    findings : Findings
+        Of the session; filled.
+    """
     machine.titles, brief = TITLES, settings.extent == "quick"
     machine.begin(TITLES[0])
     model = identify_here(machine, findings, brief=brief)
@@ -595,13 +681,33 @@ def commission(machine: Machine, settings: Settings, findings: Findings) -> Find
 
 
 def asks(machine: Machine, settings: Settings, findings: Findings) -> bool:
-    """True if a person decides about the gains: they are good, nothing was said of them, and this drive keeps what is written."""
+    """True if a person decides about the gains: they are good, nothing was said of them, and this drive keeps what is written.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    settings : Settings
+        Of the session.
+    findings : Findings
+        Of the session; filled.
+    """
     lasting = not Hardware.of("", machine.drive.capabilities).virtual
     return settings.apply is None and settings.ask and findings.meets_targets and lasting and not findings.own_loop
 
 
 def dispose(machine: Machine, settings: Settings, findings: Findings) -> None:
-    """Phase 8: keep, restore or save the gains that were proven; asked for where nothing was said and a drive keeps them."""
+    """Phase 8: keep, restore or save the gains that were proven; asked for where nothing was said and a drive keeps them.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    settings : Settings
+        Of the session.
+    findings : Findings
+        Of the session; filled.
+    """
     wanted: Apply = settings.apply or "restore"
     if asks(machine, settings, findings):
         keys = {"k": tr("keep until power-off"), "s": tr("save for good"), "r": tr("restore old gains")}

@@ -70,10 +70,20 @@ def make(machine: Machine, loop: Closed, step: Step, name: str, loudest_nm: floa
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
+    loop : Closed
+        In the drive, with its model.
+    step : Step
+        To be recorded.
+    name : str
+        Of the record.
     loudest_nm : float, N m
         Largest excitation to try.
     share : float
         Of the torque that an excitation would have.
+    pace : float
+        Times its speed.
     """
     if machine.folder.finished(name) is not None:
         machine.detail(f"{name}: kept from the earlier run")
@@ -147,7 +157,15 @@ def at_place(machine: Machine, model: Model) -> Model:
 
 
 def short_if_possible(respond_for: Callable[[float], Answer], wanted_s: float) -> Answer:
-    """A response of the seconds asked for; of ``RESPONSE_S``, or longer, where a low antiresonance needs longer periods than fit in."""
+    """A response of the seconds asked for; of ``RESPONSE_S``, or longer, where a low antiresonance needs longer periods than fit in.
+
+    Parameters
+    ----------
+    respond_for : callable
+        Of seconds, to a response or what forbids it.
+    wanted_s : float, s
+        Asked for.
+    """
     try:
         return respond_for(wanted_s)
     except Refused as refusal:
@@ -184,13 +202,31 @@ def loudest_made(machine: Machine) -> float:
 
 
 def quieter(loud_nm: float, friction_nm: float, share: float) -> float:
-    """Amplitude of a quieter excitation, N m:  a = a_f + s (a_loud - a_f),  a_f : a little above friction, at most the loud one."""
+    """Amplitude of a quieter excitation, N m:  a = a_f + s (a_loud - a_f),  a_f : a little above friction, at most the loud one.
+
+    Parameters
+    ----------
+    loud_nm : float, N m
+        Loud amplitude.
+    friction_nm : float, N m
+        At the motor.
+    share : float
+        Of what lies between both.
+    """
     least = min(OVER_FRICTION * friction_nm, loud_nm)
     return least + share * (loud_nm - least)
 
 
 def course_of(machine: Machine, model: Model) -> Course:
-    """Limits of motions of this axis."""
+    """Limits of motions of this axis.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        Of the axis.
+    """
     gentle = phases.gentle_limits(machine, model, np.inf)
     envelope, ends, period = machine.envelope(), phases.stroke_ends(machine), machine.drive.capabilities.sample_period_s
     if machine.stroking() != "position":  # a velocity loop lags, nobody predicts what the belt would carry
@@ -233,7 +269,15 @@ def within_belt(machine: Machine, loop: Closed, step: Step, path: Trajectory) ->
 
 
 def is_measured(machine: Machine, step: Step) -> bool:
-    """True if the first response stands for that of a step."""
+    """True if the first response stands for that of a step.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    step : Step
+        Of the plan.
+    """
     here = machine.folder.recording("frf_1").sidecar.start_position_m
     loud = step.kind == "response" and step.share >= LOUD and not step.held_out
     return loud and here is not None and abs(step.at_m(machine.envelope().window_m) - here) < SAME_PLACE_M

@@ -55,7 +55,15 @@ def may_be_weak(capabilities: Capabilities) -> bool:
 
 
 def line(axis: Axis, capabilities: Capabilities) -> tuple[Experiment, ...]:
-    """The plan's line on short strokes; empty where a loop is not weak for want of a filter."""
+    """The plan's line on short strokes; empty where a loop is not weak for want of a filter.
+
+    Parameters
+    ----------
+    axis : Axis
+        As its file states it.
+    capabilities : Capabilities
+        Of the drive.
+    """
     if not may_be_weak(capabilities):
         return ()
     way, speed = WAY_M + ASTRAY_M, min(FASTEST_M_S, top_speed_m_s(axis, capabilities))
@@ -68,6 +76,13 @@ def with_friction_of_strokes(machine: Machine, loop: execute_step.Closed) -> exe
     """The loop, in the drive too, with the friction of short strokes sent ahead, where it is not sure to keep a sweep inside the travel.
 
     Raises what the machine raises.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    loop : Closed
+        In the drive, with its model.
     """
     if loop.cascade is None or machine.folder.finished(execute_step.SWEEP) is not None:
         return loop
@@ -94,7 +109,15 @@ def with_friction_of_strokes(machine: Machine, loop: execute_step.Closed) -> exe
 
 
 def learn_friction(machine: Machine, model: Model) -> None:
-    """:func:`with_friction_of_strokes`, with the loop that is in the drive; nothing where nobody knows it."""
+    """:func:`with_friction_of_strokes`, with the loop that is in the drive; nothing where nobody knows it.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        Of the axis.
+    """
     if machine.closed is not None and machine.cascade is not None:
         cascade = replace(machine.cascade, feedforward=machine.feedforward or machine.cascade.feedforward)
         with_friction_of_strokes(machine, execute_step.Closed(model, cascade, machine.closed[1]))
@@ -142,7 +165,17 @@ def _with_friction(model: Model, viscous_nm_s_rad: float, coulomb_nm: float) -> 
 
 
 def with_measured_friction(machine: Machine, findings: Findings, loop: execute_step.Closed) -> execute_step.Closed:
-    """The loop, in the drive too, with the friction of the sweep sent ahead, where the first fit leaves its records unexplained."""
+    """The loop, in the drive too, with the friction of the sweep sent ahead, where the first fit leaves its records unexplained.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    findings : Findings
+        Of the session; filled.
+    loop : Closed
+        In the drive, with its model.
+    """
     if (
         loop.cascade is None
         or findings.final is None

@@ -84,7 +84,17 @@ POSITIONING_SPEED_M_S = 0.5
 
 
 def envelope_around(machine: Machine, position_m: float, travel_m: float) -> Envelope:
-    """Full speed and torque inside a window around a place, cut at the ends of the travel."""
+    """Full speed and torque inside a window around a place, cut at the ends of the travel.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    position_m : float, m
+        Of the carriage.
+    travel_m : float, m
+        Half of the window.
+    """
     full = machine.envelope()
     low, high = full.window_m
     return Envelope((max(low, position_m - travel_m), min(high, position_m + travel_m)), full.speed_m_s, full.torque_nm)
@@ -92,6 +102,11 @@ def envelope_around(machine: Machine, position_m: float, travel_m: float) -> Env
 
 def room_to_creep(machine: Machine) -> float:
     """Position of the carriage, m.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
 
     Raises
     ------
@@ -110,6 +125,11 @@ def room_to_creep(machine: Machine) -> float:
 
 def sign_and_scale(machine: Machine) -> Breakaway:
     """Let the torque rise until the carriage creeps a few millimetres, both ways; check direction and stopping.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
 
     Raises
     ------
@@ -137,14 +157,34 @@ def sign_and_scale(machine: Machine) -> Breakaway:
 
 
 def feel_units(machine: Machine, limits: Limits, sign: float, left_m: float) -> None:
-    """Of a drive whose units nobody tells, creep so little that no wrong unit makes a long way of it; the next record knows them."""
+    """Of a drive whose units nobody tells, creep so little that no wrong unit makes a long way of it; the next record knows them.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    limits : Limits
+        Of the motion.
+    sign : float
+        Of the first way.
+    left_m : float, m
+        Free way on the shorter side.
+    """
     feel_m = machine.drive.capabilities.feel_rad * machine.ratio
     if feel_m:
         creep(machine.drive, machine.axis, limits, sign * min(feel_m, SIGN_TRAVEL_M), left_m, left_m=left_m)
 
 
 def motion_limits(machine: Machine, position_m: float) -> MotionLimits:
-    """Limits of an excitation at a place."""
+    """Limits of an excitation at a place.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    position_m : float, m
+        Of the carriage.
+    """
     full = machine.envelope()
     low, high = full.window_m
     space = min(position_m - low, high - position_m) - END_MARGIN_M
@@ -165,18 +205,54 @@ def motion_limits(machine: Machine, position_m: float) -> MotionLimits:
 
 
 def excitation_torque_nm(axis: Axis, capabilities: Capabilities, held_nm: float) -> float:
-    """Largest amplitude of a binary excitation that a motor bears for ever beside what it holds, N m:  a² + τ_g² ≤ τ_rated²."""
+    """Largest amplitude of a binary excitation that a motor bears for ever beside what it holds, N m:  a² + τ_g² ≤ τ_rated².
+
+    Parameters
+    ----------
+    axis : Axis
+        As its file states it.
+    capabilities : Capabilities
+        Of the drive.
+    held_nm : float, N m
+        Against weight, at the motor.
+    """
     rated = Thermal.of(axis, capabilities).rated_nm
     return min(axis.torque_limit_nm, math.sqrt(max(rated**2 - held_nm**2, 0.0)))
 
 
 def acceleration_m_s2(inertia_kg_m2: float, ratio: float, mass_kg: float, torque_nm: float, friction_nm: float) -> float:
-    """Acceleration of a rigid axis by a torque beside friction, which leaves a tenth of it at least, m/s²:  (τ - τ_C)/(Θ_e/i_t + i_t m)."""
+    """Acceleration of a rigid axis by a torque beside friction, which leaves a tenth of it at least, m/s²:  (τ - τ_C)/(Θ_e/i_t + i_t m).
+
+    Parameters
+    ----------
+    inertia_kg_m2 : float, kg m²
+        At the motor.
+    ratio : float, m/rad
+        i_t, of the carriage per motor angle.
+    mass_kg : float, kg
+        Of the carriage.
+    torque_nm : float, N m
+        At the motor.
+    friction_nm : float, N m
+        At the motor.
+    """
     return max(torque_nm - friction_nm, 0.1 * torque_nm) / (inertia_kg_m2 / ratio + ratio * mass_kg)
 
 
 def check_asked(asked: AskedExcitation, kind: ExcitationKind, axis: Axis, capabilities: Capabilities) -> None:
-    """Raise UsageError or Refused for an excitation that this axis and drive cannot be asked for; before anything moves."""
+    """Raise UsageError or Refused for an excitation that this axis and drive cannot be asked for; before anything moves.
+
+    Parameters
+    ----------
+    asked : AskedExcitation
+        By the user.
+    kind : ExcitationKind
+        Of the sequence.
+    axis : Axis
+        As its file states it.
+    capabilities : Capabilities
+        Of the drive.
+    """
     most = min(excitation_torque_nm(axis, capabilities, 0.0), capabilities.peak_torque_nm)
     asked.check(kind, capabilities.sample_period_s, capabilities.torque_step_nm, most)
 
@@ -198,6 +274,16 @@ def frequency_response(
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
+    name : str
+        Of the record.
+    model : Model
+        Of the axis.
+    amplitude_nm : float, N m
+        Of the motor.
+    seconds : float, s
+        Asked for.
     share : float
         Of that amplitude.
     held_out : bool
@@ -218,7 +304,17 @@ def frequency_response(
 
 
 def louder(machine: Machine, step: AmplitudeStep, above_nm: float) -> None:
-    """Raise NoMotion where a step is no louder than what did not move the axis, N m."""
+    """Raise NoMotion where a step is no louder than what did not move the axis, N m.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    step : AmplitudeStep
+        With its amplitude.
+    above_nm : float, N m
+        That did not move the axis.
+    """
     if step.amplitude_nm > LOUDER * above_nm:
         return
     raise NoMotion(
@@ -231,7 +327,23 @@ def louder(machine: Machine, step: AmplitudeStep, above_nm: float) -> None:
 def planned_response(
     machine: Machine, name: str, model: Model, choice: Choice, step: AmplitudeStep, *, held_out: bool = False
 ) -> tuple[Recording, Excitation, AmplitudeStep]:
-    """Long frequency response with the excitation that :func:`response_to_come` has chosen."""
+    """Long frequency response with the excitation that :func:`response_to_come` has chosen.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    name : str
+        Of the record.
+    model : Model
+        Of the axis.
+    choice : Choice
+        Of :func:`response_to_come`.
+    step : AmplitudeStep
+        With its amplitude.
+    held_out : bool
+        It judges, nothing is fitted to it.
+    """
     at, period = machine.position_m, machine.drive.capabilities.sample_period_s
     excitation = choice.excitation(step.amplitude_nm, period, torque_step_nm=machine.drive.capabilities.torque_step_nm)
     run_on = exciting.run_on_words(machine, step.prediction, motion_limits(machine, at).ends_m)
@@ -256,7 +368,25 @@ def response_to_come(
     loud: bool = True,
     up_to_hz: float = 0.0,
 ) -> tuple[Choice, AmplitudeStep]:
-    """Sequence and amplitude of :func:`frequency_response`; nothing moves."""
+    """Sequence and amplitude of :func:`frequency_response`; nothing moves.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        Of the axis.
+    amplitude_nm : float, N m
+        Of the motor.
+    seconds : float, s
+        Asked for.
+    held_out : bool
+        It judges, nothing is fitted to it.
+    loud : bool
+        As loud as the limits allow.
+    up_to_hz : float, Hz
+        Highest line that is asked for.
+    """
     at, period = machine.position_m, machine.drive.capabilities.sample_period_s
     limits = motion_limits(machine, at)
     antiresonance, resonance = analyse.characteristic_hz(model, at)
@@ -291,17 +421,42 @@ def _loudest(machine: Machine, model: Model, choice: Choice, at_most_nm: float, 
 
 
 def without_offset(model: Model) -> Model:
-    """The model without the constant torque that open-loop records hold."""
+    """The model without the constant torque that open-loop records hold.
+
+    Parameters
+    ----------
+    model : Model
+        Of the axis.
+    """
     return model.with_values({name: 0.0 for name in ("constant_offset.torque", "tilt.angle") if name in model.parameters})
 
 
 def excitation_envelope(machine: Machine, at: float) -> Envelope:
-    """Envelope of an excitation at a place."""
+    """Envelope of an excitation at a place.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    at : float, m
+        Of the carriage.
+    """
     return envelope_around(machine, at, excitation_travel_m(machine.drive.capabilities.sample_period_s) + END_MARGIN_M)
 
 
 def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = POSITIONING_SPEED_M_S) -> None:
     """Bring the carriage somewhere with the loop that is in the drive; gentle: a third of the belt's force at most.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    target_m : float, m
+        Of the carriage.
+    model : Model
+        Of the axis.
+    slow_m_s : float, m/s
+        At most.
 
     Raises
     ------
@@ -346,7 +501,13 @@ def _feel_loop(machine: Machine, target_m: float, model: Model, slow_m_s: float)
 
 
 def untuned_envelope(machine: Machine) -> Envelope:
-    """The whole axis for a loop that is not tuned yet.  The drive's own window counts motor revolutions, whatever the gearbox."""
+    """The whole axis for a loop that is not tuned yet.  The drive's own window counts motor revolutions, whatever the gearbox.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    """
     return replace(machine.envelope(), lag_m=LOST_M + own_strokes.LAG_M * (own_strokes.kpp_1_s(machine) < np.inf))
 
 
@@ -356,7 +517,13 @@ def positioning_envelope(machine: Machine, path: Trajectory) -> Envelope:
 
 
 def stroke_envelope(machine: Machine) -> Envelope:
-    """The axis for strokes by such a loop, without the last bit at its ends: what overshoots is to stop on the axis."""
+    """The axis for strokes by such a loop, without the last bit at its ends: what overshoots is to stop on the axis.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    """
     envelope = untuned_envelope(machine)
     kept = _without_ends(envelope, stroke_ends(machine), LAST_BIT)
     return kept if kept.window_m[0] < machine.position_m < kept.window_m[1] else envelope
@@ -369,12 +536,32 @@ def _without_ends(envelope: Envelope, ends_m: tuple[float, float], share: float)
 
 
 def sidecar(machine: Machine, experiment: str, **more: Any) -> Sidecar:
-    """Sidecar of a record in closed loop that begins where and when the machine is."""
+    """Sidecar of a record in closed loop that begins where and when the machine is.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    experiment : str
+        Kind of record.
+    **more : Any
+        Further fields.
+    """
     return Sidecar(experiment, machine.position_m, machine.session_time_s, closed_loop=True, **more)
 
 
 def gentle_limits(machine: Machine, model: Model, speed_m_s: float) -> TrajectoryLimits:
-    """Speed, acceleration and jerk that load the belt with a third of its force at most, and the motor with what it bears for ever."""
+    """Speed, acceleration and jerk that load the belt with a third of its force at most, and the motor with what it bears for ever.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        Of the axis.
+    speed_m_s : float, m/s
+        At most.
+    """
     limits, top = machine.axis.limits, min(SPEED_SHARE * machine.envelope().speed_m_s, own_strokes.LAG_M * own_strokes.kpp_1_s(machine))
     inertia, ratio, mass = model["motor.inertia"], model["transmission.ratio"], model["cart.mass"]
     borne = excitation_torque_nm(machine.axis, machine.drive.capabilities, machine.holding_nm)
@@ -391,6 +578,8 @@ def stoppable(machine: Machine, plan: Callable[[float], M], leaves_by_m: Callabl
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
     plan : callable
         Of a share of its speed, to the motion.
     leaves_by_m : callable
@@ -411,19 +600,41 @@ def stoppable(machine: Machine, plan: Callable[[float], M], leaves_by_m: Callabl
 
 
 def strokes_leave_by_m(machine: Machine, path: Trajectory, enough_m: float = math.inf) -> float:
-    """How far strokes leave the axis without the last bit at its ends, m; as :func:`leaves_by_m` of any envelope."""
+    """How far strokes leave the axis without the last bit at its ends, m; as :func:`leaves_by_m` of any envelope.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    path : Trajectory
+        Setpoints, m of the carriage.
+    enough_m : float, m
+        Beyond which nobody asks how far.
+    """
     return leaves_by_m(machine, path, stroke_envelope(machine), enough_m)
 
 
 def stroke_ends(machine: Machine) -> tuple[float, float]:
-    """Turning points of strokes: near the ends of the travel in a position loop, well inside in a velocity loop, which drifts."""
+    """Turning points of strokes: near the ends of the travel in a position loop, well inside in a velocity loop, which drifts.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    """
     low, high = machine.envelope().window_m
     margin = max(stroke_share(machine.drive.capabilities), machine.free_share) * (high - low)
     return low + margin, high - margin
 
 
 def stroke_share(capabilities: Capabilities) -> float:
-    """Share of the travel that strokes leave free at either end."""
+    """Share of the travel that strokes leave free at either end.
+
+    Parameters
+    ----------
+    capabilities : Capabilities
+        Of the drive.
+    """
     return DRIFT_SHARE if stroking(capabilities) == "velocity" else OVERSHOOT_SHARE
 
 
@@ -434,7 +645,17 @@ def farther_end_m(machine: Machine) -> float:
 
 
 def room_to_sweep(machine: Machine, model: Model, speeds_m_s: Sequence[float]) -> bool:
-    """True if strokes at these speeds can begin where the carriage stands; those at the usual seven use the whole travel."""
+    """True if strokes at these speeds can begin where the carriage stands; those at the usual seven use the whole travel.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        Of the axis.
+    speeds_m_s : sequence of float
+        Instead of the usual seven.
+    """
     limits = gentle_limits(machine, model, np.inf)
     way_m = abs(farther_end_m(machine) - machine.position_m)
     plateau_s = SWEEP_SHORTEST_S + own_strokes.settle_s(machine)
@@ -446,8 +667,14 @@ def sweep(machine: Machine, model: Model, speeds_m_s: Sequence[float] = (), long
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        Of the axis.
     speeds_m_s : sequence of float
         Instead of the usual seven.
+    longest_s : float, s
+        That a plateau counts at most.
     """
     at, period = machine.position_m, machine.drive.capabilities.sample_period_s
     far = farther_end_m(machine)
@@ -460,14 +687,38 @@ def sweep(machine: Machine, model: Model, speeds_m_s: Sequence[float] = (), long
 
 
 def sweep_is_sure(machine: Machine, model: Model) -> bool:
-    """True if a sweep over the whole way of strokes keeps to it by the loop in the drive, whatever of its family the axis is."""
+    """True if a sweep over the whole way of strokes keeps to it by the loop in the drive, whatever of its family the axis is.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        Of the axis.
+    """
     near, far = stroke_ends(machine)
     path = sweep_strokes(near, far, gentle_limits(machine, model, np.inf), machine.drive.capabilities.sample_period_s, "once").trajectory
     return not strokes_leave_by_m(machine, path, 0.0)
 
 
 def short_strokes(machine: Machine, model: Model, way_m: float, share: float, top_m_s: float, plateau_s: float) -> Strokes:
-    """A stroke forth and back from where the carriage stands towards the farther end, at a share of the fastest speed for that way."""
+    """A stroke forth and back from where the carriage stands towards the farther end, at a share of the fastest speed for that way.
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        Of the axis.
+    way_m : float, m
+        Forth, at most.
+    share : float
+        Of the fastest speed for that way.
+    top_m_s : float, m/s
+        Fastest speed.
+    plateau_s : float, s
+        At that speed.
+    """
     at, limits, period = machine.position_m, gentle_limits(machine, model, np.inf), machine.drive.capabilities.sample_period_s
     far = farther_end_m(machine)
     end = at + math.copysign(min(way_m, abs(far - at)), far - at)

@@ -78,13 +78,25 @@ class StopsOutOfMove:
 
 
 def host_loss_limit_n(axis: Axis) -> float:
-    """Belt force that a move may reach when its host is lost, N; infinite where nothing limits it."""
+    """Belt force that a move may reach when its host is lost, N; infinite where nothing limits it.
+
+    Parameters
+    ----------
+    axis : Axis
+        As its file states it.
+    """
     return HOST_LOSS_BEYOND * axis.belt_force_limit_n
 
 
 def stop_limit_n(axis: Axis) -> float:
     """Belt force of a stop that is asked for in a move that commissioning chooses, N, beside friction of the guide; infinite where nothing
-    limits it."""
+    limits it.
+
+    Parameters
+    ----------
+    axis : Axis
+        As its file states it.
+    """
     return STOP_SWING * axis.belt_force_limit_n
 
 
@@ -96,6 +108,8 @@ def allowed_lag_m(model: Model, predict: Callable[[Model, float], PredictedMove]
 
     Parameters
     ----------
+    model : Model
+        Known so far.
     predict : callable
         Of a model and a stretch of the belt, as of :func:`beltcomm.verify.predict_range`.
     room_m : float, m
@@ -116,6 +130,8 @@ def room_beyond_m(window_m: tuple[float, float], position_m: Array) -> float:
 
     Parameters
     ----------
+    window_m : tuple of float, m
+        Ends of the travel, carriage side.
     position_m : ndarray (n,), m
         Of the carriage.
     """
@@ -129,6 +145,17 @@ def belt_force_limit_n(machine: Machine, model: Model, speed_m_s: float, swing: 
     """Belt force limit of a move, N: the feed force of the data sheet, which lists friction of the guide apart, and its swing.
 
     F_max = s (F_feed + F_c + d_c v)
+
+    Parameters
+    ----------
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        Of the axis.
+    speed_m_s : float, m/s
+        Largest of the move.
+    swing : float
+        Times the force that is allowed for a belt that swings.
     """
     friction = model.get("cart_friction.level") + model.get("viscous_cart.damping") * speed_m_s
     return swing * (machine.axis.belt_force_limit_n + friction) - machine.weight_n
@@ -142,6 +169,8 @@ def positioning(
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
     plan : callable
         Of a share of its speed, to the motion with its rest.
     within : callable
@@ -181,6 +210,12 @@ def leaves_by_m(machine: Machine, sent: Trajectory, envelope: Envelope, enough_m
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
+    sent : Trajectory
+        Setpoints, m of the carriage.
+    envelope : Envelope
+        That the motion is made in.
     enough_m : float, m
         Beyond which nobody asks how far; then at least that.
     """
@@ -240,8 +275,14 @@ def worst_stops(
 
     Parameters
     ----------
+    machine : Machine
+        The axis behind its drive.
+    model : Model
+        Of the axis.
     running : Cascade
         In the drive.
+    drive : Loop
+        Structure, dead time and limit of the loop.
     sent : Trajectory
         Setpoints, m of the carriage.
     lag_m : float

@@ -84,8 +84,12 @@ def coupling_instead(data: Data, base: Fitted, current: Fitted, axis: Axis) -> C
     ----------
     data : Data
         As the base sees it.
+    base : Fitted
+        Before anything was added.
     current : Fitted
         The base with what was added.
+    axis : Axis
+        As its file states it.
     """
     added = [effect.slot for effect in current.model.effect_list() if effect.name not in base.model.effects]
     if current.objective <= FAR_OFF * current.problem.samples or not IMITATED_BY & set(added):

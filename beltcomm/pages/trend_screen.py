@@ -78,7 +78,15 @@ class TrendLine:
 
 
 def screen(followed: Sequence[TrendLine], dated: Sequence[Dated]) -> list[Line]:
-    """Headline, and each quantity in a line: now, its change, what it drifts by, its limits."""
+    """Headline, and each quantity in a line: now, its change, what it drifts by, its limits.
+
+    Parameters
+    ----------
+    followed : sequence of TrendLine
+        A line for each quantity.
+    dated : sequence of Dated
+        Runs with their days.
+    """
     worst = followed[0] if followed[0].state in ("reached", "drifts") else None
     state = worst.state if worst else "steady" if any(one.state == "steady" for one in followed) else "unsure"
     word, style = WORDS[state]
@@ -126,7 +134,17 @@ def _yearly(one: TrendLine) -> str:
 
 
 def step(followed: Sequence[TrendLine], first: Path, newest: Path) -> list[Line]:
-    """The command to type next."""
+    """The command to type next.
+
+    Parameters
+    ----------
+    followed : sequence of TrendLine
+        A line for each quantity.
+    first : Path
+        Run of the trend.
+    newest : Path
+        Run of the trend.
+    """
     if followed[0].state in ("reached", "drifts"):
         return command_lines(f"beltcomm diagnose {pasted(newest)}", "which effect is missing, and what to check on the machine")
     if first == newest:
@@ -135,12 +153,26 @@ def step(followed: Sequence[TrendLine], first: Path, newest: Path) -> list[Line]
 
 
 def number_of(item: Quantity, value: float) -> str:
-    """A value in the unit of a quantity, three digits."""
+    """A value in the unit of a quantity, three digits.
+
+    Parameters
+    ----------
+    item : Quantity
+        Whose unit it is.
+    value : float
+        SI.
+    """
     return f"{item.scale * value:.3g} {item.unit}"
 
 
 def date_of(t_s: float) -> str:
-    """Day as ISO 8601, UTC; one beyond all planning in words."""
+    """Day as ISO 8601, UTC; one beyond all planning in words.
+
+    Parameters
+    ----------
+    t_s : float, s
+        Since 1970, UTC.
+    """
     if not 0.0 <= t_s < LAST_S:
         return "after 2200" if t_s > 0.0 else "before 1970"
     return str(np.datetime64(int(t_s), "s").astype("datetime64[D]"))

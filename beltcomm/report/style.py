@@ -204,6 +204,15 @@ def legend(axes: Axes, ncols: int = 1, title: str | None = None) -> None:
     """Legend in an upper corner, the right one if it can be, that no curve runs through; where both are taken the axis goes higher.
 
     To be called when everything is drawn and scaled.
+
+    Parameters
+    ----------
+    axes : Axes
+        Drawn on.
+    ncols : int
+        Columns of the legend.
+    title : str or None
+        Above it; None for none.
     """
     _, labels = axes.get_legend_handles_labels()
     if not labels:

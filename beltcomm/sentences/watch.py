@@ -152,7 +152,13 @@ def summary_lines(
 
 
 def untold_sentence(untold: Untold) -> str:
-    """What the moves do not show, and what would; empty where they show all."""
+    """What the moves do not show, and what would; empty where they show all.
+
+    Parameters
+    ----------
+    untold : Untold
+        By the moves.
+    """
     parts = [f"a change of the {NAMED[key][0]}" for key in untold.keys]
     if untold.stretches_m:
         ways = ", ".join(f"{1e3 * low:.0f} mm to {1e3 * high:.0f} mm" for low, high in untold.stretches_m)

@@ -104,6 +104,13 @@ def excess_of(key: str, told: Sequence[MoveEstimate]) -> float:
     """How many times further than their intervals say moves are off the next one, at least 1; what grows steadily does not show in it.
 
     By the root mean square of the steps; of the error by that of the smaller ones, for a knock is two of them; 1 for few moves.
+
+    Parameters
+    ----------
+    key : str
+        Of the quantity.
+    told : sequence of MoveEstimate
+        By each move.
     """
     if len(told) < SCATTERING:
         return 1.0

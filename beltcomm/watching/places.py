@@ -167,6 +167,8 @@ def untold_by(standings: Sequence[Standing], way_m: tuple[float, float] | None) 
 
     Parameters
     ----------
+    standings : sequence of Standing
+        Of the quantities.
     way_m : tuple of float, m, or None
         Ends of the way of all moves, those that told nothing among them; None where the place on the axis is not known.
     """

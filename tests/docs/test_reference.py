@@ -75,8 +75,6 @@ def public_functions() -> dict[str, Callable[..., Any]]:
 
 
 FUNCTIONS = public_functions()
-#: Files whose functions get their sections with the work that goes on in them.
-IN_WORK = {f"beltcomm.experiments.{name}" for name in ("commission", "execute_step", "friction_feedforward", "phases", "stops_out_of_move")}
 
 
 def sections(text: str) -> dict[str, str]:
@@ -173,6 +171,6 @@ def test_a_function_that_another_module_uses_names_its_parameters() -> None:
         given = node.args
         every = [*given.posonlyargs, *given.args, *given.kwonlyargs, *(one for one in (given.vararg, given.kwarg) if one is not None)]
         differs = {one.arg for one in every} ^ listed_parameters(ast.get_docstring(node) or "")
-        if differs and name.rpartition(".")[0] not in IN_WORK:
+        if differs:
             wrong[name] = differs
     assert wrong == {}
