@@ -164,7 +164,7 @@ def _note_drive(ctx: click.Context, param: click.Parameter, value: str | None, *
         value, by = told_drive(ctx, ctx.params.get("run") or next(iter(runs_here()[-1:]), None))
         ctx.default_map = {**(ctx.default_map or {}), **by}  # of the options that come after this one; one that is given is the user's
     if value is None and needed and not ctx.resilient_parsing:
-        raise click.UsageError("no drive is named: --drive can0 for instance (`beltcomm doctor` looks for them), or --drive virtual", ctx)
+        raise click.MissingParameter("--drive can0 for instance (`beltcomm doctor` looks for them), or --drive virtual.", ctx, param)
     if value and value.startswith("virtual:") and Path(value.partition(":")[2]).is_file() and not ctx.resilient_parsing:
         from beltcomm.jobs.virtual_axis import machine_of
 

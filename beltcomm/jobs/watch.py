@@ -34,7 +34,7 @@ from beltcomm.verify import REST_S
 from beltcomm.watching import store
 from beltcomm.watching.drift import AxisDrift
 from beltcomm.watching.estimates import ERROR, POOL, MoveEstimate, Standing
-from beltcomm.watching.judge import Judge, JudgedMove
+from beltcomm.watching.judge import Judge
 from beltcomm.watching.limits import LIMITS, limits_given
 from beltcomm.watching.moves import StreamPart, moves_in
 from beltcomm.watching.places import Untold, untold_by
@@ -374,7 +374,7 @@ def _judge_one(state: _Watch, columns: Mapping[str, Any], start_s: float) -> Non
     if not state.blind_told and (untold := words.untold_sentence(state.untold)):
         state.blind_told = True
         events.append(("not shown", untold))
-    entry = _entry(state.before + number, date_s, judged, state.standings, events)
+    entry = store.entry_of(state.before + number, date_s, judged, state.standings, events)
     store.append(state.folder.path, entry)
     lines: list[str] = [words.head_line(state.standings)] if number % TITLES == 1 else []
     lines.append(words.move_line(state.before + number, state.hour(date_s), judged, state.standings))
@@ -421,41 +421,6 @@ def _suspects(state: _Watch) -> list[tuple[str, str, float]]:
         return []
 
 
-def _entry(
-    number: int, date_s: float, judged: JudgedMove, standings: Sequence[Standing], events: Sequence[tuple[str, str]]
-) -> dict[str, Any]:
-    """A move for programs, and for the trend."""
-    return {
-        "move": number,
-        "date": f"{np.datetime64(round(date_s), 's')}+00:00",
-        "date_s": round(date_s, 3),
-        "travel_m": judged.travel_m,
-        "duration_s": judged.duration_s,
-        "following_m": judged.following_m,
-        "error_over_noise": judged.ratio,
-        "error_interval": judged.ratio_interval,
-        "quantities": {key: {"value": one.value, "interval": one.interval} for key, one in judged.quantities.items()},
-        "places": {str(number): [float(f"{one.value:.4g}"), float(f"{one.interval:.4g}")] for number, one in judged.places.items()},
-        "over_the_last_moves": {
-            one.key: {
-                "value": _finite(one.value),
-                "interval": _finite(one.interval),
-                "change": _finite(one.change),
-                "low": one.low,
-                "high": one.high,
-                "state": one.state,
-                **({} if one.place_m is None else {"place_m": one.place_m}),
-            }
-            for one in standings
-        },
-        "events": [{"kind": kind, "text": text} for kind, text in events],
-    }
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
 def _result(state: _Watch) -> Result:
     changed = [words.event_sentence(one).partition(":")[0] for one in state.standings if one.state == "changed"]
     seconds = state.last_s - state.first_s if state.counted else 0.0
@@ -479,10 +444,10 @@ def _result(state: _Watch) -> Result:
         "suspects": [{"effect": name, "title": title, "evidence": value} for name, title, value in state.suspects],
         "quantities": {
             one.key: {
-                "value": _finite(one.value),
-                "interval": _finite(one.interval),
+                "value": store.finite(one.value),
+                "interval": store.finite(one.interval),
                 "state": one.state,
-                "noticed_from": _finite(one.noticed_from),
+                "noticed_from": store.finite(one.noticed_from),
             }
             for one in state.standings
         },

@@ -91,8 +91,8 @@ def coupling_instead(data: Data, base: Fitted, current: Fitted, axis: Axis) -> C
     axis : Axis
         As its file states it.
     """
-    added = [effect.slot for effect in current.model.effect_list() if effect.name not in base.model.effects]
-    if current.objective <= FAR_OFF * current.problem.samples or not IMITATED_BY & set(added):
+    added = {effect_named(name).slot for name in current.model.effects if name not in base.model.effects}
+    if current.objective <= FAR_OFF * current.problem.samples or not IMITATED_BY & added:
         return None
     named = coupling_candidate(data, base, axis)
     if named is None or named.fitted is None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,8 @@ from beltcomm.errors import UsageError
 from beltcomm.locks import link_refused
 from beltcomm.outside import opened
 from beltcomm.watching.drift import BASE
-from beltcomm.watching.estimates import ERROR, MoveEstimate, pooled
+from beltcomm.watching.estimates import ERROR, MoveEstimate, Standing, pooled
+from beltcomm.watching.judge import JudgedMove
 
 FOLDER, FILE = "watch", "moves.jsonl"
 DAY_S = 86400.0
@@ -170,3 +172,59 @@ def _bases(told: list[dict[str, MoveEstimate]]) -> dict[str, float]:
     """Every quantity over the first moves that told it."""
     keys = dict.fromkeys(key for one in told for key in one)
     return {key: abs(pooled(key, [one[key] for one in told if key in one][:BASE])[0]) for key in keys}
+
+
+def entry_of(
+    number: int, date_s: float, judged: JudgedMove, standings: Sequence[Standing], events: Sequence[tuple[str, str]]
+) -> dict[str, Any]:
+    """A move for programs, and for the trend.
+
+    Parameters
+    ----------
+    number : int
+        Of the move, from 1.
+    date_s : float, s
+        Since 1970, UTC.
+    judged : JudgedMove
+        By the model.
+    standings : sequence of Standing
+        Of the quantities over the last moves.
+    events : sequence of tuple of str
+        Kind and sentence.
+    """
+    return {
+        "move": number,
+        "date": f"{np.datetime64(round(date_s), 's')}+00:00",
+        "date_s": round(date_s, 3),
+        "travel_m": judged.travel_m,
+        "duration_s": judged.duration_s,
+        "following_m": judged.following_m,
+        "error_over_noise": judged.ratio,
+        "error_interval": judged.ratio_interval,
+        "quantities": {key: {"value": one.value, "interval": one.interval} for key, one in judged.quantities.items()},
+        "places": {str(number): [float(f"{one.value:.4g}"), float(f"{one.interval:.4g}")] for number, one in judged.places.items()},
+        "over_the_last_moves": {
+            one.key: {
+                "value": finite(one.value),
+                "interval": finite(one.interval),
+                "change": finite(one.change),
+                "low": one.low,
+                "high": one.high,
+                "state": one.state,
+                **({} if one.place_m is None else {"place_m": one.place_m}),
+            }
+            for one in standings
+        },
+        "events": [{"kind": kind, "text": text} for kind, text in events],
+    }
+
+
+def finite(value: float) -> float | None:
+    """The value, None for what JSON has no number for.
+
+    Parameters
+    ----------
+    value : float
+        Of any unit.
+    """
+    return value if math.isfinite(value) else None

@@ -33,7 +33,7 @@ EXPECTED: dict[str, tuple[int, list[Named], str]] = {
     "fault": (
         1,
         [("condition", "state", "wrong"), ("condition", "error register", "wrong"), ("condition", "error history", "warning")],
-        "the drive is in Fault (6041h = 8218h): error 3220h, voltage",
+        "the drive is in Fault (6041h = 8218h): error 3220h, voltage of the DC link is too low",
     ),
     "no_dc_link": (
         1,

@@ -19,7 +19,7 @@ def test_no_curve_runs_through_a_legend(curve: object, scale: str) -> None:
         axes.plot(x, 1.0 + 9.0 * curve(x), label="model")
         axes.set_yscale(scale)
         style.legend(axes)
-        style.laid_out(made).draw_without_rendering()
+        style._laid_out(made).draw_without_rendering()
         box = axes.get_legend().get_window_extent()
         for line in axes.get_lines():
             assert not box.count_contains(axes.transData.transform(line.get_xydata()))
