@@ -63,8 +63,6 @@ from beltcomm.talk import choose
 VERIFYING_S = 4.0
 #: The same for a velocity loop, which follows slow moves only and takes several tries to arrive anywhere.
 DRIFTING_S = 22.0
-#: Share of the carriage's mass, beyond which its interval says that a fit does not tell it.
-OPEN = 0.5
 #: What follows a path that a first loop was left behind by is driven so many times slower, and no slower than that in all.
 SLOWER, SLOWEST_PACE = 0.5, 0.13
 #: Times the torque of breaking away, below which an excitation tells nothing.
@@ -210,23 +208,10 @@ def first_model(machine: Machine, findings: Findings) -> Model:
     if findings.swing is not None:
         model = payload_mode_in_first_fit.as_one(findings.swing)
         findings.remarks.append(payload_mode_in_first_fit.swing_words(findings.swing))
-    elif start is not None and not start.rigid and leaves_mass_open(model):
-        mass = model.parameters["cart.mass"]
-        findings.remarks.append(
-            f"the first response leaves the mass open ({mass.value:.3g} ± {mass.interval:.2g} kg): the first loop is designed with the "
-            f"{start['cart.mass']:.3g} kg of the excitation before it"
-        )
-        model = start
     sampling_limits.note_after(findings.remarks, model, machine.axis, machine.drive.capabilities, machine.position_m)
     tell_model(machine, model, machine.position_m)
     measure_delay_and_damping(findings, recordings, model)
     return model
-
-
-def leaves_mass_open(model: Model) -> bool:
-    """True for a fit whose carriage mass has an interval wider than ``OPEN`` of it, as a few samples behind a coarse encoder leave it."""
-    mass = model.parameters["cart.mass"]
-    return mass.interval is not None and mass.interval > OPEN * mass.value
 
 
 def tell_model(machine: Machine, model: Model, at_m: float) -> None:

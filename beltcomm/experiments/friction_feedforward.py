@@ -84,10 +84,10 @@ def with_friction_of_strokes(machine: Machine, loop: execute_step.Closed) -> exe
     loop : Closed
         In the drive, with its model.
     """
-    if loop.cascade is None or machine.folder.finished(execute_step.SWEEP) is not None:
+    if loop.cascade is None or not may_be_weak(machine.drive.capabilities) or machine.folder.finished(execute_step.SWEEP) is not None:
         return loop
     passes: list[Plateau] = []
-    for name, share in SHORT_STROKES.items() if may_be_weak(machine.drive.capabilities) else ():
+    for name, share in SHORT_STROKES.items():
         if machine.folder.finished(name) is None:
             if phases.sweep_is_sure(machine, loop.model):
                 break
