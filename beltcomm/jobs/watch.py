@@ -105,7 +105,7 @@ class _Watch:
 
     @property
     def untold(self) -> Untold:
-        """What the moves so far do not show; nothing as long as there are few."""
+        """Quantities and stretches that the moves so far do not show; nothing as long as there are few."""
         return untold_by(self.standings, self.way_m) if self.counted + self.left_out >= SHOWN_BY else Untold()
 
 

@@ -152,7 +152,7 @@ def summary_lines(
 
 
 def untold_sentence(untold: Untold) -> str:
-    """What the moves do not show, and what would; empty where they show all.
+    """Sentence on quantities and stretches that the moves do not show, and what would; empty where they show all.
 
     Parameters
     ----------

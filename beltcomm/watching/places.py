@@ -148,7 +148,7 @@ def _stretches(numbers: Iterable[int], width_m: float) -> tuple[tuple[float, flo
 
 @dataclass(frozen=True)
 class Untold:
-    """What the moves so far tell nothing of, so that a change of it would not be noticed.
+    """Quantities and stretches of which the moves so far tell nothing, so that a change would not be noticed.
 
     Attributes
     ----------
@@ -163,7 +163,7 @@ class Untold:
 
 
 def untold_by(standings: Sequence[Standing], way_m: tuple[float, float] | None) -> Untold:
-    """What standings lack.
+    """Quantities and stretches that standings lack.
 
     Parameters
     ----------
@@ -178,6 +178,6 @@ def untold_by(standings: Sequence[Standing], way_m: tuple[float, float] | None) 
 
 
 def _between(stretches: Sequence[tuple[float, float]], way_m: tuple[float, float]) -> list[tuple[float, float]]:
-    """What stretches leave of a way, but for what is no longer than a place."""
+    """Parts of a way, m, that stretches leave, but for those no longer than a place."""
     ends = [way_m[0], *(end for pair in stretches for end in pair), way_m[1]]
     return [(low, high) for low, high in zip(ends[::2], ends[1::2], strict=True) if high - low > WIDTH_M]

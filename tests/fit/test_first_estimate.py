@@ -112,7 +112,10 @@ def test_an_inertia_that_a_record_hardly_tells_is_the_data_sheets() -> None:
 
 @pytest.mark.parametrize("seed", [0, 5])
 def test_a_drive_that_filters_before_and_behind_its_torque_shows_no_other_inertia(seed: int) -> None:
-    """Taken to lie before the torque, filters of which one is behind it make half of the motor, where a coarse encoder tells little."""
+    """Taken to lie before the torque, filters of which one is behind it make half of the motor, where a coarse encoder tells little.
+
+    Not all draws are right: seed 1 still reads 0.58 of it.
+    """
     random = np.random.default_rng(seed)
     plant, lag_s, filter_s = draw("g_a", random), random.uniform(2e-4, 5e-4), random.uniform(5e-4, 1.5e-3)
     record = Recorder(seed, noise_nm=2e-3, counts=4096, lag_s=lag_s).shaken(plant, 0.171, 1, at_m=0.28)
