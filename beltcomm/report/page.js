@@ -51,6 +51,8 @@ const parts = [...document.querySelectorAll("section details")];
 let before = [];
 addEventListener("beforeprint", () => { before = parts.filter((part) => !part.open); before.forEach((part) => { part.open = true; }); });
 addEventListener("afterprint", () => before.forEach((part) => { part.open = false; }));
-const reveal = () => { const part = document.querySelector(`${location.hash || "#none"} > details`); if (part) part.open = true; };
-addEventListener("hashchange", reveal);
-reveal();
+const reveal = (hash) => { const part = document.querySelector(`${hash || "#none"} > details`); if (part) part.open = true; };
+addEventListener("hashchange", () => reveal(location.hash));
+// A link to the part whose address the page already has changes no hash.
+addEventListener("click", (event) => { const link = event.target.closest("a[href^='#']"); if (link) reveal(link.hash); });
+reveal(location.hash);
