@@ -20,7 +20,7 @@ import numpy as np
 from scipy.ndimage import correlate1d
 
 from beltcomm.arrays import Array, BoolArray
-from beltcomm.fit.estimate import BLOCK_S, Fitted
+from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.noise.whitening import noises
 from beltcomm.fit.records import Data
 from beltcomm.fit.residual.segment import Segment
@@ -35,8 +35,6 @@ QUIET_SHARE, RATE_SHARE = 0.1, 0.25
 STRETCH_M = 1e-5
 #: Share of the filter's weights that must stand on samples that count.
 WEIGHT = 0.98
-#: Standard errors that a change which is none exceeds once in 20 times, to one side.
-CHANCE = 1.645
 #: Share of the squares by which an error may rise that nobody reads off: 2 % of the error.
 READ_OFF = 0.04
 #: Deviations at which the Gaussian ends, and frequencies at which the noise is worked out.
@@ -75,20 +73,19 @@ def band_of(data: Data, model: Model) -> float:
     Parameters
     ----------
     data : Data
-        The records.
     model : Model
         As a fit has it, for inertia and belt.
     """
     pieces = data.fitted
     rate = min(1.0 / piece.motion.sample_s for piece in pieces)
     bands = [band for band in BANDS_HZ if band <= RATE_SHARE * rate] or [RATE_SHARE * rate]
-    spectra = [noise_spectrum(piece, model) for piece in pieces]
+    spectra = [_noise_spectrum(piece, model) for piece in pieces]
     for band in bands:
         noise = torque = 0.0
         for piece, spectrum in zip(pieces, spectra, strict=True):
-            passed, counts = low_passed(piece.torque, piece.keep, band, piece.motion.sample_s)
+            passed, counts = _low_passed(piece.torque, piece.keep, band, piece.motion.sample_s)
             torque += float(np.sum(passed[counts] ** 2))
-            noise += np.count_nonzero(counts) * noise_in(piece, spectrum, band) ** 2
+            noise += np.count_nonzero(counts) * _noise_in(piece, spectrum, band) ** 2
         if noise <= QUIET_SHARE**2 * torque and torque > 0.0:
             return band
     return bands[-1]
@@ -113,7 +110,6 @@ def band_limited_errors(data: Data, fitted: Fitted, band_hz: float) -> list[Band
     Parameters
     ----------
     data : Data
-        The records.
     fitted : Fitted
         The model that is judged.
     band_hz : float, Hz
@@ -152,25 +148,25 @@ def in_band(piece: Segment, model: Model, vector: Array, band_hz: float) -> Band
         N m at the motor shaft.
     """
     sample = piece.motion.sample_s
-    reported, counts = low_passed(piece.torque, piece.keep, band_hz, sample)
+    reported, counts = _low_passed(piece.torque, piece.keep, band_hz, sample)
     if piece.observer is not None or piece.offset_m == 0.0:
         whole = evaluate(piece, model, vector)
-        error, _ = low_passed(whole, piece.keep, band_hz, sample)
+        error, _ = _low_passed(whole, piece.keep, band_hz, sample)
     else:
         whole, stretched = evaluate_each(piece, model, [vector, vector], [0.0, STRETCH_M])
         swing = stretched - whole
-        error, _ = low_passed(whole, piece.keep, band_hz, sample)
-        answer, _ = low_passed(swing, piece.keep, band_hz, sample)
+        error, _ = _low_passed(whole, piece.keep, band_hz, sample)
+        answer, _ = _low_passed(swing, piece.keep, band_hz, sample)
         ways = np.column_stack((answer, np.gradient(answer)))
         shares = np.linalg.lstsq(ways[counts], error[counts], rcond=None)[0]
         error = error - ways @ shares
         whole = whole - np.column_stack((swing, np.gradient(swing))) @ shares
-    noise = noise_in(piece, noise_spectrum(piece, model), band_hz)
+    noise = _noise_in(piece, _noise_spectrum(piece, model), band_hz)
     return Banded(piece.record, piece.held_out, error, reported, counts, noise, sample, whole)
 
 
 def changes(data: Data, before: Fitted, after: Fitted, ahead: Data | None = None) -> tuple[tuple[float, float], tuple[float, float]]:
-    """:func:`change` on the fitted records and on those held out, in the band of both models.
+    """:func:`_change` on the fitted records and on those held out, in the band of both models.
 
     Parameters
     ----------
@@ -186,17 +182,16 @@ def changes(data: Data, before: Fitted, after: Fitted, ahead: Data | None = None
     band = shared_band((data, before.model), (ahead or data, after.model))
     pairs = list(zip(band_limited_errors(data, before, band), band_limited_errors(ahead or data, after, band), strict=True))
     fitted, held = ([pair for pair in pairs if pair[0].held_out is out] for out in (False, True))
-    return change(fitted), change(held)
+    return _change(fitted), _change(held)
 
 
-def change(pairs: Sequence[tuple[Banded, Banded]]) -> tuple[float, float]:
-    """Sum of the squared errors after less before, without what their noise is more, and how far it may rise, N² m².
+def _change(pairs: Sequence[tuple[Banded, Banded]]) -> tuple[float, float]:
+    """Sum of the squared errors after less before, without what their noise is more, and what of a rise nobody reads off, N² m².
 
     Of samples that count in both.  Noise is passed on otherwise by another model, most where the carriage is at its antiresonance; less
     noise, as it is predicted, makes no rise of an error that does not rise.
 
-    It may rise by chance, :data:`CHANCE` standard errors of a sum over blocks of 0.2 s, which takes neighbouring samples for what they
-    are: one; and by what nobody reads off, :data:`READ_OFF` of the squares.
+    An effect that is there lowers it: what a model leaves is the same in both, so that no chance makes a rise of it.
 
     Where both errors are smaller than the noise that is predicted of them, their difference is none of the models': 0.
 
@@ -208,26 +203,20 @@ def change(pairs: Sequence[tuple[Banded, Banded]]) -> tuple[float, float]:
     Returns
     -------
     tuple of float
-        Change, negative where the error falls, and how far it may rise.
+        Change, negative where the error falls, and :data:`READ_OFF` of the squares.
     """
-    blocks: list[Array] = [np.zeros(0)]
-    above, squares, louder = np.zeros(2), 0.0, 0.0
+    above, before, after, louder = np.zeros(2), 0.0, 0.0, 0.0
     for old, new in pairs:
         both = np.flatnonzero(old.keep & new.keep)
         above += [float(np.sum(one.error[both] ** 2)) - len(both) * one.noise**2 for one in (old, new)]
         louder += len(both) * (new.noise**2 - old.noise**2)
-        squares += float(np.sum(old.error[both] ** 2))
-        differences = new.error[both] ** 2 - old.error[both] ** 2
-        blocks.append(np.asarray(np.bincount(both // max(int(BLOCK_S / new.sample_s), 1), differences)))
-    sums = np.concatenate(blocks)
-    sums = sums[sums != 0.0]
-    read_off = float(np.sum(sums))
-    rise = read_off - louder if above.max() > 0.0 else 0.0
-    chance = CHANCE * math.sqrt(len(sums)) * float(np.std(sums)) if len(sums) else 0.0
-    return min(rise, max(read_off, 0.0)), max(chance, READ_OFF * squares)
+        before += float(np.sum(old.error[both] ** 2))
+        after += float(np.sum(new.error[both] ** 2))
+    rise = after - before - louder if above.max() > 0.0 else 0.0
+    return min(rise, max(after - before, 0.0)), READ_OFF * before
 
 
-def low_passed(signal: Array, keep: BoolArray, band_hz: float, sample_s: float) -> tuple[Array, BoolArray]:
+def _low_passed(signal: Array, keep: BoolArray, band_hz: float, sample_s: float) -> tuple[Array, BoolArray]:
     """The signal by a Gaussian low-pass over the samples that count, and where :data:`WEIGHT` of its weights stand on such; (n,) each.
 
     Beside a standstill, where e says nothing, what is left of the weights no longer takes the differences out of the rounding.
@@ -248,13 +237,13 @@ def low_passed(signal: Array, keep: BoolArray, band_hz: float, sample_s: float) 
     tuple of ndarray, (n,)
         The signal behind the low-pass, and where it counts.
     """
-    weights = gaussian(band_hz, sample_s)
+    weights = _gaussian(band_hz, sample_s)
     total = correlate1d(np.where(keep, signal, 0.0), weights, mode="constant")
     share = correlate1d(keep.astype(np.float64), weights, mode="constant")
     return np.asarray(total / np.where(share > 0.0, share, 1.0)), keep & (share >= WEIGHT)
 
 
-def gaussian(band_hz: float, sample_s: float) -> Array:
+def _gaussian(band_hz: float, sample_s: float) -> Array:
     """Weights of the low-pass, their sum 1, (2 k + 1,).
 
     Parameters
@@ -275,7 +264,7 @@ def gaussian(band_hz: float, sample_s: float) -> Array:
     return np.asarray(weights / weights.sum())
 
 
-def noise_spectrum(piece: Segment, model: Model) -> tuple[Array, Array]:
+def _noise_spectrum(piece: Segment, model: Model) -> tuple[Array, Array]:
     """Predicted spectrum of the noise in the residual torque.
 
     Parameters
@@ -300,7 +289,7 @@ def noise_spectrum(piece: Segment, model: Model) -> tuple[Array, Array]:
     return freq, np.asarray(np.abs(passed) ** 2 @ variances)
 
 
-def noise_in(piece: Segment, spectrum: tuple[Array, Array], band_hz: float) -> float:
+def _noise_in(piece: Segment, spectrum: tuple[Array, Array], band_hz: float) -> float:
     """Noise behind the low-pass.
 
     Parameters
@@ -308,7 +297,7 @@ def noise_in(piece: Segment, spectrum: tuple[Array, Array], band_hz: float) -> f
     piece : Segment
         For its sample period.
     spectrum : tuple of ndarray, (k,)
-        As :func:`noise_spectrum` gives it.
+        As :func:`_noise_spectrum` gives it.
     band_hz : float, Hz
         Edge of the band.
 
@@ -318,7 +307,7 @@ def noise_in(piece: Segment, spectrum: tuple[Array, Array], band_hz: float) -> f
         N m rms, motor shaft.
     """
     freq, power = spectrum
-    weights = gaussian(band_hz, piece.motion.sample_s)
+    weights = _gaussian(band_hz, piece.motion.sample_s)
     places = np.arange(len(weights)) - len(weights) // 2
     passed = np.cos(math.tau * piece.motion.sample_s * np.outer(freq, places)) @ weights
     return math.sqrt(float(np.mean(power * passed**2)))

@@ -18,12 +18,13 @@ from beltcomm.fit.noise.decimation import smallest_step
 from beltcomm.fit.noise.level import FEWEST, ORDER, white_noise_deviation
 from beltcomm.fit.path_fit.choice import EXPLAINED, GOOD, PathChoice, choose_path, reads_command
 from beltcomm.fit.path_fit.residual_colour import with_likeliest_colour
-from beltcomm.fit.path_fit.sensor_noise import split_noise
+from beltcomm.fit.path_fit.sensor_noise import NoiseSplit, split_noise
 from beltcomm.fit.path_fit.values import by_path, refine_path
 from beltcomm.fit.records import (
     PUBLISHED_SUBSTEPS,
     SUBSTEPS,
     Data,
+    grouped_like,
     is_mostly_rounding,
     likeliest_noise,
     likeliest_step,
@@ -35,9 +36,9 @@ from beltcomm.fit.records import (
 from beltcomm.fit.residual.observer import needs_observer
 from beltcomm.fit.residual.reversals import turns_at_once
 from beltcomm.fit.torque.path import TorquePath
-from beltcomm.fit.torque.reading_fit import CLEAR, fit_reading
+from beltcomm.fit.torque.reading_fit import clear_gain, fit_reading, unlikely_readings
 from beltcomm.fit.uncertainty.intervals import UNEXPLAINED, with_intervals
-from beltcomm.fit.uncertainty.nuisance import hold, next_to_hold, with_nuisance
+from beltcomm.fit.uncertainty.nuisance import HELD, TOLERANCES, hold, hold_lost_inertia, next_to_hold, with_nuisance
 from beltcomm.model import Model
 
 #: Error over the noise below which only the noise may be wrong.
@@ -97,8 +98,14 @@ def fit_base(
     """
     found = _fit_base(data, start, fixed, path, publish, progress)
     while sheet is not None and (name := next_to_hold(found[1], sheet)) is not None:
-        start = hold(start, sheet, name)
-        found = _fit_base(data, start, fixed, path, publish, progress)
+        start = hold(start, name, sheet[name], TOLERANCES[name] * sheet[name], HELD)
+        held = _fit_base(data, start, fixed, path, publish, progress)
+        now, then = ratio_in_groups_of(held[1], found[1]), ratio_in_groups_of(found[1], held[1])
+        if found[1].problem.samples * (now**2 - then**2) > clear_gain(found[1].problem.samples):
+            break  # these records have something to say against the data sheet
+        found = held
+    if sheet is None and (inertia := hold_lost_inertia(start, *found)) is not None:
+        found = _fit_base(data, inertia, fixed, path, publish, progress)
     return found
 
 
@@ -112,9 +119,11 @@ def _fit_base(
         data = prepare_records(
             data.recordings, start, loud, data.step_rad, {}, path=TorquePath(chain.law if chain else None, commanded=True)
         )
+    elif chain is not None and chain.noise_nm < CALMER * data.noise_nm:  # few samples of the setpoint do not tell a slow reading
+        data = with_noise(data, chain.noise_nm, start)
     first = fit(data, start, FIRST_ITERATIONS, fixed=fixed)
     if commanded:
-        data, first = with_quieter_torque(*refit_with_rebuilt_motion(data, first, NEXT_ITERATIONS, fixed=fixed))
+        data, first = _with_quieter_torque(*refit_with_rebuilt_motion(data, first, NEXT_ITERATIONS, fixed=fixed))
     progress(0.3)
     choice = choose_path(data, first, start, chain) if path is None else PathChoice(path, chain)
     if choice.between:
@@ -137,7 +146,7 @@ def _fit_base(
         if split is None:
             break
         quieter = split.sensor_nm < CALMER * data.noise_nm
-        data = replace(data, noise_nm=split.sensor_nm, colour=split.colour, path=replace(data.path, acts=split.acts, process=split.process))
+        data = _with_split(data, split)
         if not quieter or path is not None:
             break
         # The motion tells more of the path now.
@@ -147,7 +156,7 @@ def _fit_base(
         data = with_likeliest_colour(data, fitted, _residuals(fitted))
     if fitted.ratio < ROUGH and is_mostly_rounding(data, fitted.model):
         data, fitted = refit_with_rebuilt_motion(replace(data, single=True), fitted, NEXT_ITERATIONS, fixed=fixed)
-    least = min(smallest_step(r.position) for r in data.recordings)
+    least = _least_step(data)
     if (fitted.ratio < NEARLY and data.step_rad > NOISY * least) or (data.single and GOOD < fitted.ratio < ROUGH):
         step = likeliest_step(data, fitted.model, _residuals(fitted), least)
         underrated, data = step > UNDERRATED * data.step_rad, replace(data, step_rad=step)
@@ -163,7 +172,7 @@ def _with_last_fit(
     """Records and fit with path and noise as they are: the last motion, reversals, and what a path leaves open."""
     data, fitted = refit_with_rebuilt_motion(data, fitted, LAST_ITERATIONS, PUBLISHED_SUBSTEPS if publish else SUBSTEPS, fixed=fixed)
     progress(0.9)
-    data, fitted = refit_with_reversals(data, fitted, fixed=fixed)
+    data, fitted = _refit_with_reversals(data, fitted, fixed=fixed)
     if publish:
         fitted = least_plain_error(data, fitted, FIRST_ITERATIONS, fixed)
     progress(1.0)
@@ -214,9 +223,7 @@ def likeliest_path(data: Data, fitted: Fitted, *, fixed: Sequence[str] = ()) -> 
     Parameters
     ----------
     data : Data
-        The records.
     fitted : Fitted
-        Model, fitted to the records.
     fixed : sequence of str
         Parameters that stay.
 
@@ -231,9 +238,12 @@ def likeliest_path(data: Data, fitted: Fitted, *, fixed: Sequence[str] = ()) -> 
         tried.append(refine_path(ahead, fit(ahead, fitted.model, NEXT_ITERATIONS, fixed=fixed)))
     samples = fitted.problem.samples
     lacks = [samples * other.objective / max(other.problem.samples, 1) for _, other in tried]
-    # A model that is far off itself does not tell small things of a path.
+    if len(tried) > 1 and data.path.chain is not None and not data.path.commanded:
+        readings = unlikely_readings([ahead.path for ahead, _ in tried], [r for r in data.recordings if not r.sidecar.held_out])
+        lacks = [lack + more for lack, more in zip(lacks, readings, strict=True)]
+    # A model that is far off itself does not tell small things of a path, and what it leaves counts as noise.
     far_off = EXPLAINED * (lacks[0] - samples) if fitted.ratio > ROUGH else 0.0
-    clear, least = max(math.log(max(samples, 2)) + CLEAR, far_off), min(lacks)
+    clear, least = max(clear_gain(samples) * max(fitted.ratio, 1.0) ** 2, far_off), min(lacks)
     best = 0 if lacks[0] <= least + clear else lacks.index(least)
     near = tuple(ahead.path for number, (ahead, _) in enumerate(tried) if number != best and lacks[number] <= lacks[best] + clear)
     ahead, found = tried[best]
@@ -244,14 +254,14 @@ def _as_quiet_as_it_is(data: Data, fitted: Fitted, fixed: Sequence[str]) -> tupl
     """Records and fit with the noise of a torque that no setpoint tells: each fit may show less of it, until one does not."""
     for _ in range(ROUNDS):
         before = data.noise_nm
-        data, fitted = with_quieter_torque(data, fitted)
+        data, fitted = _with_quieter_torque(data, fitted)
         if data.noise_nm > QUIET * before:
             break
         data, fitted = refit_with_rebuilt_motion(data, fitted, NEXT_ITERATIONS, fixed=fixed)
     return data, fitted
 
 
-def with_quieter_torque(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
+def _with_quieter_torque(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
     """The records with no more noise of the torque than what the model leaves tells; the fit as it was, unless that is much less.
 
     What a model leaves above the noise says nothing of the noise, and what it leaves slowly neither: that is the model's.  How rough the
@@ -264,6 +274,41 @@ def with_quieter_torque(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
         return data, fitted
     noise = likeliest_noise(data, fitted.model, _residuals(fitted), data.noise_nm)
     return (replace(data, noise_nm=noise) if noise < QUIET * data.noise_nm else data), fitted
+
+
+def _least_step(data: Data) -> float:
+    """Least step in which the angle of a record is read, rad."""
+    return min(smallest_step(r.position) for r in data.recordings)
+
+
+def with_noise_that_is_left(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
+    """Records and fit with the noises of angle and torque as a better model leaves them: what it lacked before was taken for some of them.
+
+    Parameters
+    ----------
+    data : Data
+    fitted : Fitted
+        Model that lacks nothing, fitted to the records.
+
+    Returns
+    -------
+    tuple of Data and Fitted
+        As they were where an observer follows the bodies.
+    """
+    if needs_observer(fitted.model):
+        return data, fitted
+    data = replace(data, step_rad=likeliest_step(data, fitted.model, _residuals(fitted), _least_step(data)))
+    data, fitted = refit_with_rebuilt_motion(data, fitted, NEXT_ITERATIONS)
+    split = split_noise(data, fitted)
+    if split is None:
+        return data, fitted
+    data = _with_split(data, split)
+    return refit_with_rebuilt_motion(data, fitted, NEXT_ITERATIONS)
+
+
+def _with_split(data: Data, split: NoiseSplit) -> Data:
+    """Records whose torque has the sensor's noise and that of the process apart."""
+    return replace(data, noise_nm=split.sensor_nm, colour=split.colour, path=replace(data.path, acts=split.acts, process=split.process))
 
 
 def _roughness(fitted: Fitted) -> float:
@@ -291,7 +336,7 @@ def _residuals(fitted: Fitted) -> list[Array]:
     return [fitted.problem.balance(i, fitted.x, OFFSET_M * o).residual for i, o in enumerate(fitted.offsets)]
 
 
-def refit_with_reversals(data: Data, fitted: Fitted, *, fixed: Sequence[str] = ()) -> tuple[Data, Fitted]:
+def _refit_with_reversals(data: Data, fitted: Fitted, *, fixed: Sequence[str] = ()) -> tuple[Data, Fitted]:
     """The fit with the samples in which the motor passes through a reversal; as it was where these do not fit to the others.
 
     Friction that needs a way to turn round, or is higher at low speed, is seen there first and would pull at all parameters.
@@ -302,7 +347,7 @@ def refit_with_reversals(data: Data, fitted: Fitted, *, fixed: Sequence[str] = (
     more = fit(ahead, fitted.model, LAST_ITERATIONS, offsets=fitted.offsets, fixed=fixed)
     added = np.concatenate([(a.keep & ~b.keep)[a.value_samples] for a, b in zip(ahead.fitted, data.fitted, strict=True)])
     squares = more.residual**2
-    if not added.any() or float(np.mean(squares[added])) > REVERSAL_MISFIT * max(1.0, float(np.mean(squares[~added]))):
+    if not added.any() or added.all() or float(np.mean(squares[added])) > REVERSAL_MISFIT * max(1.0, float(np.mean(squares[~added]))):
         return data, fitted
     known = with_intervals(fitted).parameters
     for name in more.problem.free:
@@ -320,7 +365,6 @@ def refit_with_rebuilt_motion(
     Parameters
     ----------
     data : Data
-        The records.
     fitted : Fitted
         By the motion as it is in ``data``.
     iterations : int
@@ -365,22 +409,12 @@ def in_groups_of(data: Data, fitted: Fitted, like: Data) -> tuple[Data, Fitted]:
     Parameters
     ----------
     data : Data
-        The records.
     fitted : Fitted
-        Model, fitted to the records.
     like : Data
         The same stretches, as a model sees them that is held against this one.
     """
-    if (len(data.fitted), len(data.held_out)) != (len(like.fitted), len(like.held_out)):
-        return data, fitted
-    grouped = [
-        tuple(replace(piece, group=other.group) for piece, other in zip(pieces, others, strict=True))
-        for pieces, others in ((data.fitted, like.fitted), (data.held_out, like.held_out))
-    ]
-    if [piece.group for piece in (*grouped[0], *grouped[1])] == [piece.group for piece in (*data.fitted, *data.held_out)]:
-        return data, fitted
-    ahead = replace(data, fitted=grouped[0], held_out=grouped[1])
-    return ahead, fit(ahead, fitted.model, 0, offsets=fitted.offsets)
+    ahead = grouped_like(data, like)
+    return (data, fitted) if ahead is data else (ahead, fit(ahead, fitted.model, 0, offsets=fitted.offsets))
 
 
 def ratio_in_groups_of(one: Fitted, other: Fitted) -> float:

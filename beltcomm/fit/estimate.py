@@ -114,9 +114,7 @@ def fit(
     Parameters
     ----------
     data : Data
-        The records.
     model : Model
-        Of the axis.
     iterations : int
         At most.
     offsets : ndarray or None
@@ -234,8 +232,8 @@ def _fit_result(problem: Problem, at: Minimum, data: Data, onward: Model | None 
     """A minimum, and what its model makes of the records held out."""
     problem.forget()  # most fits are only compared; what they looked at would be kept with each of them
     best = problem.model_at(at.x, "laboratory")
-    held_out_residuals = tuple(held_out_residual(piece, best) for piece in data.held_out)
-    return Fitted(best, problem, at.x, at.residual, at.objective, held_out_residuals, held_out_objective(data, held_out_residuals), onward)
+    held_out_residuals = tuple(_held_out_residual(piece, best) for piece in data.held_out)
+    return Fitted(best, problem, at.x, at.residual, at.objective, held_out_residuals, _held_out_objective(data, held_out_residuals), onward)
 
 
 def escape_local_minimum(data: Data, fitted: Fitted, iterations: int) -> Fitted:
@@ -295,9 +293,7 @@ def problem_of(data: Data, model: Model, fixed: Sequence[str] = (), block_s: flo
     Parameters
     ----------
     data : Data
-        The records.
     model : Model
-        Of the axis.
     fixed : sequence of str
         Parameters that are held, by full name.
     block_s : float, s
@@ -307,15 +303,8 @@ def problem_of(data: Data, model: Model, fixed: Sequence[str] = (), block_s: flo
     return Problem(pieces, model, free_parameters(model, ("transmission.ratio", *fixed)), block_s)
 
 
-def held_out_residual(piece: Segment, model: Model) -> Array:
+def _held_out_residual(piece: Segment, model: Model) -> Array:
     """Whitened residual of a held-out segment; only where its carriage stuck at the start is fitted to it.
-
-    Parameters
-    ----------
-    piece : Segment
-        Of a record that is not fitted.
-    model : Model
-        With the values of the fit.
 
     Returns
     -------
@@ -335,13 +324,12 @@ def held_out_residual(piece: Segment, model: Model) -> Array:
     return whitened_residual(piece, model, vector, found.x) if found.fun < cost(0.0) else here
 
 
-def held_out_objective(data: Data, residuals: Sequence[Array]) -> float:
+def _held_out_objective(data: Data, residuals: Sequence[Array]) -> float:
     """Robust objective O of the records held out.
 
     Parameters
     ----------
     data : Data
-        The records.
     residuals : sequence of ndarray, (m,)
         Whitened, of each segment held out.
 

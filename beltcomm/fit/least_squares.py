@@ -19,8 +19,8 @@ from beltcomm.fit.likelihood.problem import Problem
 from beltcomm.fit.records import Data
 from beltcomm.fit.residual.observer import needs_observer
 
-#: Error over the noise from which on a model is far off, and share of the plain error by which another fit of it must be better.
-FAR_ABOVE, LESS = 2.0, 0.02
+#: Error over the noise from which on a model is far off, and of a rigid one; share of the plain error by which another fit must be better.
+FAR_ABOVE, FAR_ABOVE_RIGID, LESS = 2.0, 1.5, 0.02
 #: Evaluations and relative change of the parameters at which least squares end, and step of their differences.
 MOST, CLOSE, STEP = 30, 1e-4, 1e-4
 
@@ -35,7 +35,6 @@ def least_plain_error(data: Data, fitted: Fitted, iterations: int, fixed: Sequen
     Parameters
     ----------
     data : Data
-        The records.
     fitted : Fitted
         The likeliest fit.
     iterations : int
@@ -51,14 +50,15 @@ def least_plain_error(data: Data, fitted: Fitted, iterations: int, fixed: Sequen
     if needs_observer(fitted.model):
         return fitted
     band = band_of(data, fitted.model)
-    if not fitted.ratio > FAR_ABOVE and (fitted.problem.movable or _share_left(data, fitted, band) <= QUIET_SHARE):
+    movable = fitted.problem.movable
+    if not fitted.ratio > (FAR_ABOVE if movable else FAR_ABOVE_RIGID) and (movable or _share_left(data, fitted, band) <= QUIET_SHARE):
         return fitted
     wide = problem_of(data, fitted.model, fixed, STRETCH_S)
     at = wide.minimise(wide.start(fitted.offsets), iterations, enough=ENOUGH)
     evenly = fitted.problem.start(wide.offsets(at.x), wide.model_at(at.x, "laboratory"))
     tried = [fitted, evaluate_at(data, fitted.problem, evenly)]
     left = [_plain(data, one, band) for one in tried]
-    if not fitted.problem.movable:
+    if not movable:
         nearest = tried[int(np.argmin([own for own, _ in left]))]
         tried.append(evaluate_at(data, fitted.problem, least_in_band(fitted.problem, nearest.x, band)))
         left.append(_plain(data, tried[-1], band))

@@ -26,17 +26,10 @@ class LoadName:
         return " with ".join([repr(self.name)] * bool(self.name) + said) or "no stated load"
 
 
-def stated(sidecar: Sidecar, model: Model) -> tuple[LoadName, float]:
+def _stated(sidecar: Sidecar, model: Model) -> tuple[LoadName, float]:
     """Load of a record as its sidecar has it, and how much of its mass is stated there.
 
     A load that turns is carried along its arc.
-
-    Parameters
-    ----------
-    sidecar : Sidecar
-        Of the record.
-    model : Model
-        For the side to which loads refer.
 
     Returns
     -------
@@ -53,7 +46,7 @@ def stated(sidecar: Sidecar, model: Model) -> tuple[LoadName, float]:
     return LoadName(sidecar.load, (mass, inertia)), 0.0
 
 
-def loads_of(recordings: Sequence[Recording], model: Model) -> list[LoadName]:
+def _loads_of(recordings: Sequence[Recording], model: Model) -> list[LoadName]:
     """The loads that the fit tells apart, by their numbers.
 
     Parameters
@@ -63,17 +56,12 @@ def loads_of(recordings: Sequence[Recording], model: Model) -> list[LoadName]:
     model : Model
         For the side to which loads refer.
 
-    Returns
-    -------
-    list of LoadName
-        In the order of the records.
-
     Raises
     ------
     DataError
         For more than a model can have.
     """
-    found = list(dict.fromkeys(stated(r.sidecar, model)[0] for r in recordings if not (r.sidecar.held_out or r.is_static_map)))
+    found = list(dict.fromkeys(_stated(r.sidecar, model)[0] for r in recordings if not (r.sidecar.held_out or r.is_static_map)))
     if len(found) > COUNT + 1:
         raise DataError(
             f"the records name {len(found)} loads ({', '.join(map(str, found))}); a run may have {COUNT + 1}. State what was mounted "
@@ -88,7 +76,6 @@ def mounted_by(recordings: Sequence[Recording], model: Model) -> dict[str, Mount
     Parameters
     ----------
     recordings : sequence of Recording
-        Of a run.
     model : Model
         For the side to which loads refer.
 
@@ -102,22 +89,22 @@ def mounted_by(recordings: Sequence[Recording], model: Model) -> dict[str, Mount
     DataError
         When a record that is held out carries a load that no fitted one has.
     """
-    loads, first = loads_of(recordings, model), dict[LoadName, float]()
+    loads, first = _loads_of(recordings, model), dict[LoadName, float]()
     if not loads:  # nothing is fitted, which is refused where that is asked
         return {}
     timed = [r for r in recordings if not r.is_static_map]
     for r in sorted(timed, key=lambda r: r.sidecar.held_out):
-        first.setdefault(*stated(r.sidecar, model))
-    strange = [r for r in timed if stated(r.sidecar, model)[0] not in loads]
+        first.setdefault(*_stated(r.sidecar, model))
+    strange = [r for r in timed if _stated(r.sidecar, model)[0] not in loads]
     if strange:
         raise DataError(
-            f"{strange[0].name} is held out and carries {stated(strange[0].sidecar, model)[0]}; the fitted records carry "
+            f"{strange[0].name} is held out and carries {_stated(strange[0].sidecar, model)[0]}; the fitted records carry "
             f"{', '.join(map(str, loads))}, so nothing tells what it weighs. Take a record with that load among the fitted ones "
             "(held_out: false), or state its payload"
         )
     found = {}
     for r in timed:
-        name, mass = stated(r.sidecar, model)
+        name, mass = _stated(r.sidecar, model)
         mounted = Mounted(loads.index(name), mass - first[name])
         found[r.name] = mounted if mounted != Mounted() else None
     return found
@@ -129,16 +116,14 @@ def with_loads(model: Model, recordings: Sequence[Recording]) -> Model:
     Parameters
     ----------
     model : Model
-        Of the axis.
     recordings : sequence of Recording
-        Of a run.
 
     Returns
     -------
     Model
         With one mass for each load.
     """
-    at_motor, number = carrying(model) != MASS, len(loads_of(recordings, model)) - 1
+    at_motor, number = carrying(model) != MASS, len(_loads_of(recordings, model)) - 1
     for k in range(1, COUNT + 1):
         name = other_load(k, at_motor=at_motor).name
         if k > number and name in model.effects:
@@ -159,7 +144,6 @@ def load_remarks(recordings: Sequence[Recording], model: Model) -> list[str]:
     Parameters
     ----------
     recordings : sequence of Recording
-        Of a run.
     model : Model
         As fitted.
 
@@ -172,7 +156,7 @@ def load_remarks(recordings: Sequence[Recording], model: Model) -> list[str]:
     if not any(mounted.values()):
         return []
     unit, words = model.parameters[carrying(model)].unit.replace("2", "²"), []
-    for number, load in enumerate(loads_of(recordings, model)):
+    for number, load in enumerate(_loads_of(recordings, model)):
         own = [(name, one or Mounted()) for name, one in mounted.items() if (one or Mounted()).number == number]
         named = ", ".join(f"{name} (and {one.more:+.6g} {unit}, stated)" if one.more else name for name, one in own)
         said = f" with {load}" if load.name or any(load.unused) else ""

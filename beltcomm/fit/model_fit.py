@@ -90,6 +90,11 @@ class ModelFit:
         """True if so much is left unexplained that the numbers should not be trusted."""
         return not self.misfit <= SUSPECT_MISFIT  # nan, too, where no sample counts
 
+    @property
+    def judged(self) -> bool:
+        """True if the misfit tells whether something is missing."""
+        return True
+
     @cached_property
     def _spread(self) -> ParameterSpread:
         return parameter_spread(self.fitted)
@@ -116,8 +121,9 @@ class ModelFit:
 
     @cached_property
     def covariance(self) -> Array:
-        """Of the free parameters, (k, k), from their intervals and correlation."""
-        deviation = np.array([(self.model.parameters[name].interval or 0.0) / self.quantile for name in self.free])
+        """Of the free parameters, (k, k), without regard to bounds, which the intervals know of: else no sum would be known."""
+        share, parameters = self._spread.share_within_bounds(self.model), self.model.parameters
+        deviation = np.array([(parameters[name].interval or 0.0) / (share.get(name, 1.0) * self.quantile) for name in self.free])
         return np.asarray(self.correlation * np.outer(deviation, deviation))
 
     @cached_property
@@ -134,8 +140,8 @@ class ModelFit:
     @cached_property
     def remarks(self) -> tuple[str, ...]:
         """Sentences: bounds, what is known badly and why."""
-        parameters, deviation = self.model.parameters, np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-        wanted = {n: (parameters[n].value, float(deviation[i])) for i, n in enumerate(self.free)}
+        parameters = self.model.parameters
+        wanted = {n: (parameters[n].value, (parameters[n].interval or 0.0) / self.quantile) for n in self.free}
         wanted |= {n: told for n, told in unbounded_estimates(self.fitted).items() if parameters[n].interval is None}
         told = [remark_on(n, parameters[n], *wanted[n]) for n in self.free]
         if self.suspect:

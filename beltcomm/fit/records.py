@@ -123,12 +123,12 @@ def prepare(recordings: Sequence[Recording], axis: Axis, model: Model) -> Data:
     if not to_fit:
         raise DataError("all recordings are held out or static maps; nothing is left to fit: set held_out: false in one sidecar")
     noise = torque_noise(to_fit, QUIETEST_SHARE * float(np.std(to_fit[0].torque)))
-    step = apparent_step(to_fit, encoder_step(axis, timed), noise)
+    step = apparent_step(to_fit, _encoder_step(axis, timed), noise)
     if not any(is_counted(r.position) for r in to_fit):  # no rounding, but noise: at first no less of it than the angle is rough
         step = max(step, min(white_step(r.position) for r in to_fit))
     if "cart" not in model.base_bodies:
         step = min(step, max(white_step(r.position) for r in to_fit))
-        noise = max(noise, repeat_noise(to_fit, step))
+        noise = max(noise, _repeat_noise(to_fit, step))
     return prepare_records(timed, model, noise, step, {}, colour=noise_colour(to_fit))
 
 
@@ -150,15 +150,13 @@ def prepare_records(
     Parameters
     ----------
     recordings : sequence of Recording
-        Of a run.
     model : Model
-        Of the axis.
     noise_nm : float, N m rms
         Of the torque.
     step_rad : float, rad
         Step of the encoder.
     shares : dict of str to tuple of float
-        By record, :func:`rounding_shares`; all of it white where it is missing.
+        By record, :func:`_rounding_shares`; all of it white where it is missing.
     usual : int
         Fine steps a sample.
     path : TorquePath
@@ -173,7 +171,7 @@ def prepare_records(
         With steps of time for a coupling, whatever the model.
     """
     pieces = []
-    rattles, coupled = any(effect.rattles for effect in model.effect_list()), coupled or is_coupled(model)
+    rattles, coupled = any(effect.rattles for effect in model.effect_list()), coupled or _is_coupled(model)
     mounted = mounted_by(recordings, model)
     for recording in recordings:
         shown = shares.get(recording.name, (1.0, 0.0))
@@ -199,7 +197,7 @@ def prepare_records(
             noise_known=not path.commanded or usual == PUBLISHED_SUBSTEPS or "cart" not in model.base_bodies,
         ):
             known = with_whitener(replace(piece, rounding=shown, group=group), model)
-            pieces.append(band_limited(known, EXCITED_BAND_HZ if recording.sidecar.experiment == "frf" else CALM_BAND_HZ))
+            pieces.append(_band_limited(known, EXCITED_BAND_HZ if recording.sidecar.experiment == "frf" else CALM_BAND_HZ))
     return Data(
         tuple(recordings),
         tuple(p for p in pieces if not p.held_out),
@@ -214,13 +212,8 @@ def prepare_records(
     )
 
 
-def is_coupled(model: Model) -> bool:
+def _is_coupled(model: Model) -> bool:
     """True if a body beside the motor turns with it: a pulley behind a coupling.
-
-    Parameters
-    ----------
-    model : Model
-        With any number of bodies.
 
     Returns
     -------
@@ -236,7 +229,6 @@ def for_coupling(data: Data, model: Model) -> Data:
     Parameters
     ----------
     data : Data
-        The records.
     model : Model
         By which the motion between the samples is made.
 
@@ -259,7 +251,6 @@ def is_mostly_rounding(data: Data, model: Model) -> bool:
     Parameters
     ----------
     data : Data
-        The records.
     model : Model
         For the driven inertia.
 
@@ -312,7 +303,7 @@ def group_of(recording: Recording) -> int:
     return min(STEADY_GROUP, max(EXCITED_GROUP, int(0.5 / (BAND_HZ * recording.sample_period_s))))
 
 
-def band_limited(piece: Segment, band_hz: float) -> Segment:
+def _band_limited(piece: Segment, band_hz: float) -> Segment:
     """A segment with as many neighbours in each value as leave a band of frequencies, where rounding is most of its noise.
 
     Parameters
@@ -332,13 +323,37 @@ def band_limited(piece: Segment, band_hz: float) -> Segment:
     return replace(piece, group=max(piece.group, round(0.5 / (band_hz * piece.motion.sample_s))))
 
 
+def grouped_like(data: Data, like: Data) -> Data:
+    """Records with as many neighbours in each value as other records have: else the two see other frequencies.
+
+    Parameters
+    ----------
+    data : Data
+    like : Data
+        The same, as a model or a path sees them that is held against this one.
+
+    Returns
+    -------
+    Data
+        ``data`` itself where they are grouped so already.
+    """
+    groups: dict[str, int] = {}
+    for piece in (*like.fitted, *like.held_out):
+        groups[piece.record] = max(piece.group, groups.get(piece.record, 1))
+    if all(piece.group == groups.get(piece.record, piece.group) for piece in (*data.fitted, *data.held_out)):
+        return data
+    fitted, held_out = (
+        tuple(replace(piece, group=groups.get(piece.record, piece.group)) for piece in pieces) for pieces in (data.fitted, data.held_out)
+    )
+    return replace(data, fitted=fitted, held_out=held_out)
+
+
 def with_noise(data: Data, noise_nm: float, model: Model) -> Data:
     """Segments of the records with another noise of the torque, as a model passes it on.
 
     Parameters
     ----------
     data : Data
-        The records.
     noise_nm : float
         rms, N m at the motor shaft.
     model : Model
@@ -384,9 +399,7 @@ def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS,
     Parameters
     ----------
     data : Data
-        The records.
     model : Model
-        Of the axis.
     offsets_m : ndarray
         Start offsets of the fitted segments, m.
     substeps : int
@@ -394,7 +407,7 @@ def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS,
     reversals : bool
         As of :class:`Data`.
     """
-    data = for_coupling(data, model) if is_coupled(model) else data
+    data = for_coupling(data, model) if _is_coupled(model) else data
     pieces = (*data.fitted, *data.held_out)
     if needs_observer(model):  # what an observer leaves says nothing of the rounding; the shares found before stay
         shares = {piece.record: piece.rounding for piece in pieces}
@@ -409,7 +422,7 @@ def remade(data: Data, model: Model, offsets_m: Array, substeps: int = SUBSTEPS,
             left.setdefault(piece.record, []).append((known, evaluate(piece, model, model.vector(), float(offset))))
         # Where rounding is most of the noise, a share of it found from few samples would make them count for all others.
         calm = {name: parts for name, parts in left.items() if not any(piece.own_noise for piece, _ in parts)}
-        shares = {name: rounding_shares(parts, model) for name, parts in calm.items()}
+        shares = {name: _rounding_shares(parts, model) for name, parts in calm.items()}
     ahead = prepare_records(
         data.recordings, model, data.noise_nm, data.step_rad, shares, substeps, data.path, reversals, data.colour, data.single
     )
@@ -424,7 +437,6 @@ def with_process_noise(data: Data, model: Model) -> Data:
     Parameters
     ----------
     data : Data
-        The records.
     model : Model
         With a gap.
 
@@ -470,7 +482,7 @@ def negative_log_likelihood(pieces: Sequence[Segment], model: Model) -> float:
     return total if math.isfinite(total) else math.inf
 
 
-def rounding_shares(parts: Sequence[tuple[Segment, Array]], model: Model) -> tuple[float, float]:
+def _rounding_shares(parts: Sequence[tuple[Segment, Array]], model: Model) -> tuple[float, float]:
     """Shares of the rounding's variance that a record shows, white and slow: the likeliest of :data:`SHARES` and :data:`SLOW_SHARES`.
 
     An axis that moves slowly and steadily rounds in step with its motion: then the error is less, and no white noise.  What a model
@@ -518,7 +530,6 @@ def likeliest_noise(data: Data, model: Model, residuals: Sequence[Array], most_n
     Parameters
     ----------
     data : Data
-        The records.
     model : Model
         By which the noise is passed on to the residual.
     residuals : sequence of ndarray, (n,), N m
@@ -549,7 +560,6 @@ def likeliest_step(data: Data, model: Model, residuals: Sequence[Array], least_r
     Parameters
     ----------
     data : Data
-        The records.
     model : Model
         By which the noise is passed on to the residual.
     residuals : sequence of ndarray, (n,), N m
@@ -589,7 +599,7 @@ def _likeliest(
     return float(found.x)
 
 
-def encoder_step(axis: Axis, recordings: Sequence[Recording]) -> float:
+def _encoder_step(axis: Axis, recordings: Sequence[Recording]) -> float:
     """Step of the encoder: from the axis file, else the smallest step that the angles show.
 
     Parameters
@@ -612,13 +622,12 @@ def encoder_step(axis: Axis, recordings: Sequence[Recording]) -> float:
     return shown
 
 
-def repeat_noise(recordings: Sequence[Recording], step_rad: float) -> float:
+def _repeat_noise(recordings: Sequence[Recording], step_rad: float) -> float:
     """Torque that no model can explain: how it differs at the same place in records of the same slow motion.
 
     Parameters
     ----------
     recordings : sequence of Recording
-        Of a run.
     step_rad : float, rad
         Step of the encoder.
 
@@ -637,13 +646,13 @@ def repeat_noise(recordings: Sequence[Recording], step_rad: float) -> float:
         if speeds[0] * speeds[1] <= 0.0 or abs(np.log(speeds[0] / speeds[1])) > SAME_SPEED or high <= low:
             continue
         places = np.linspace(low, high, FEWEST)
-        rows = [np.interp(places, *by_place(r.position[c], r.torque[c])) for r, c in ((one, first), (two, second))]
+        rows = [np.interp(places, *_by_place(r.position[c], r.torque[c])) for r, c in ((one, first), (two, second))]
         left = (rows[0] - rows[1]) / np.sqrt(2.0)
         found.append(robust_deviation(left - np.median(left)))
     return float(min(found, default=0.0))
 
 
-def by_place(position: Array, torque: Array) -> tuple[Array, Array]:
+def _by_place(position: Array, torque: Array) -> tuple[Array, Array]:
     """A torque in the order of its positions.
 
     Parameters

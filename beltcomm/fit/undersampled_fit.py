@@ -11,7 +11,7 @@ import numpy as np
 
 from beltcomm.arrays import Array
 from beltcomm.fit.model_fit import ModelFit, fit_model
-from beltcomm.fit.start.undersampled import LATE_S, NO_PASSES, SeldomEstimate, SteadyPasses, comes_seldom, estimate
+from beltcomm.fit.start.undersampled import LATE_S, NO_PASSES, SWING_SAMPLED, SeldomEstimate, SteadyPasses, comes_seldom, estimate
 from beltcomm.fit.uncertainty.nuisance import released
 from beltcomm.model import Model
 from beltcomm.model.value import NORMAL_95
@@ -61,6 +61,11 @@ class SeldomFit(ModelFit):
         """Half width of a 95 % interval in standard deviations."""
         return NORMAL_95
 
+    @property
+    def judged(self) -> bool:
+        """False: what acts between the rows no torque is worked out from."""
+        return False
+
     @cached_property
     def correlation(self) -> Array:
         """Of what was fitted, (k, k)."""
@@ -83,7 +88,6 @@ def fit_seldom(recordings: Sequence[Recording], start: Model, *, counts_per_rev:
     Parameters
     ----------
     recordings : sequence of Recording
-        Of a run.
     start : Model
         By the data sheets.
     counts_per_rev : int
@@ -101,7 +105,7 @@ def fit_seldom(recordings: Sequence[Recording], start: Model, *, counts_per_rev:
     DataError
         When nothing moves.
     """
-    told = [r for r in recordings if comes_seldom(r) and not r.sidecar.held_out and not len(r.gaps)]
+    told = [r for r in recordings if comes_seldom(r, start, SWING_SAMPLED) and not r.sidecar.held_out and not len(r.gaps)]
     if not told:
         return None
     here = told[0].sidecar.start_position_m or 0.0

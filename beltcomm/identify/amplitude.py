@@ -181,7 +181,6 @@ def unknown_payload(
     Parameters
     ----------
     model : Model
-        Of the axis.
     stiffness_shares : tuple of float
         The softest and the stiffest belt thought of, as shares of the model's.
     masses_kg : sequence of float, kg
@@ -242,7 +241,6 @@ def not_ruled_out(family: Sequence[Model], recording: Recording, ratio: float, p
     family : sequence of Model
         Of carriages of one axis.
     recording : Recording
-        The record.
     ratio : float
         i_t, m/rad.
     position_m : float, m
@@ -260,7 +258,7 @@ def not_ruled_out(family: Sequence[Model], recording: Recording, ratio: float, p
     return [model for model in family if model["cart.mass"] == heaviest or way_m(model) <= RULED_OUT * went_m]
 
 
-def predict(
+def _predict(
     family: Sequence[Model],
     torque: Array,
     sample_s: float,
@@ -333,21 +331,21 @@ def largest_amplitude(
     at_most_nm : float, N m, motor shaft
         What motor and drive allow.
     braking, losses : callable
-        As :func:`predict`.
+        As :func:`_predict`.
 
     Raises
     ------
     Refused
         When even a fiftieth of ``at_most_nm`` is too much.
     """
-    full = predict(family, at_most_nm * shape, sample_s, position_m, braking, losses)
+    full = _predict(family, at_most_nm * shape, sample_s, position_m, braking, losses)
     if max(full.use_of(limits).values()) <= 1.0:
         return AmplitudeStep(at_most_nm, full, "motor torque" if full.torque_nm >= 0.999 * limits.torque_nm else "step")
     low, high, binds = 0.0, at_most_nm, _first(full, limits)
     best: Prediction | None = None
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
-        trial = predict(family, middle * shape, sample_s, position_m, braking, losses)
+        trial = _predict(family, middle * shape, sample_s, position_m, braking, losses)
         if max(trial.use_of(limits).values()) <= 1.0:
             low, best = middle, trial
         else:

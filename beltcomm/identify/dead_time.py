@@ -78,7 +78,7 @@ def dead_time_between(
     common, at_setpoint, at_torque = np.intersect1d(np.rint(setpoint.freq_hz * 1e6), np.rint(torque.freq_hz * 1e6), return_indices=True)
     if len(common) == 0:
         raise DataError("the two responses have no line in common; estimate both from the same record and period")
-    return dead_time_against(
+    return _dead_time_against(
         setpoint.lines(at_setpoint),
         torque.h[at_torque],
         model_noise=torque.noise[at_torque],
@@ -87,7 +87,7 @@ def dead_time_between(
     )
 
 
-def dead_time_against(
+def _dead_time_against(
     response: FrequencyResponse,
     model_h: ComplexArray,
     *,

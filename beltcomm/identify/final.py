@@ -21,9 +21,10 @@ from beltcomm.fit.residual.segment import Segment, segments
 from beltcomm.fit.residual.whitened import OUTLIER, whitened_residual
 from beltcomm.fit.start.first_estimate import NEEDED
 from beltcomm.fit.start.model import belt_start, correct_by_slow_motion, data_sheet
+from beltcomm.fit.start.undersampled import SELDOM_S, comes_seldom
 from beltcomm.fit.torque.acting_torque import acting_recording
 from beltcomm.fit.torque.path import FAITHFUL, TorquePath
-from beltcomm.fit.undersampled_fit import fit_seldom
+from beltcomm.fit.undersampled_fit import SeldomFit, fit_seldom
 from beltcomm.identify.sweeps import steady_passes
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -39,10 +40,14 @@ PLACES_APART_M = 0.05
 #: Error over the noise from which on a fit explains nothing, factor by which its inertia may leave the data sheet's nevertheless, and
 #: factor by which the error may grow with the data sheet's.
 FAR_OFF, STRAYED, HARDLY = 3.0, 1.5, 1.5
+#: Error over the noise up to which nothing is missing.
+NEAR = 1.1
 RIGID = "nothing is known to swing between motor and load: both move as one"
 #: How much more one of two fits may keep to be compared by its objective.
 OTHER_SAMPLES = 1.5
 ONE_PLACE = "rows come too seldom to compare places: stiffness taken as constant"
+#: s, from where a dead time is looked for; evidence that it must have.
+LATE_S, CLEAR_EVIDENCE = 5e-4, 150.0
 
 
 @dataclass(frozen=True)
@@ -69,7 +74,6 @@ def final_model(
     recordings : sequence of Recording
         Of a run; those held out only judge.
     axis : Axis
-        Data sheets.
     counts_per_rev : int
         Of the encoder.
     start : Model or None
@@ -111,30 +115,56 @@ def final_model(
         fit = fit_model(recordings, start, counts_per_rev=counts_per_rev, sheet=data_sheet(axis, recordings), progress=progress)
         _refuse_jumps(recordings, fit, counts_per_rev)
         return FinalModel(fit, None, RIGID)
-    seldom = fit_seldom(recordings, start, counts_per_rev=counts_per_rev, passes=steady_passes(recordings, start))
+
+    def simulated() -> SeldomFit | None:
+        return fit_seldom(recordings, start, counts_per_rev=counts_per_rev, passes=steady_passes(recordings, start))
+
+    unseen = axis.kind in KINDS and any(comes_seldom(r, start) for r in recordings)  # a belt has a law of its stiffness
+    slow = unseen or max(r.sample_period_s for r in recordings) > SELDOM_S
+    seldom = simulated() if slow else None
     if seldom is not None and not seldom.suspect:
         progress(1.0)
         return FinalModel(seldom, None, ONE_PLACE)
-    share = 0.5 if apart else 1.0
-    sheet = data_sheet(axis, recordings)
     try:
-        constant = fit_model(recordings, start, counts_per_rev=counts_per_rev, sheet=sheet, progress=lambda f: progress(share * f))
+        found = _final_belt(recordings, axis, start, counts_per_rev, progress, apart=apart, known=bool(at))
     except DataError:
         if seldom is None:
             raise
         return FinalModel(seldom, None, ONE_PLACE)
+    one_stiffness = "belt_stiffness.stiffness" in found.fit.model.parameters  # what is simulated has no other
+    if not slow and one_stiffness and found.fit.misfit > NEAR**2:  # it may swing too fast for rows that show how the motor moves
+        fast = simulated()
+        seldom = None if fast is None or fast.suspect else fast
+    return found if seldom is None or seldom.misfit >= found.fit.misfit else FinalModel(seldom, found.fit, ONE_PLACE)
+
+
+def _final_belt(
+    recordings: Sequence[Recording],
+    axis: Axis,
+    start: Model,
+    counts_per_rev: int,
+    progress: Callable[[float], None],
+    *,
+    apart: bool,
+    known: bool,
+) -> FinalModel:
+    """The fit with a constant stiffness, and by position where places disagree.
+
+    apart : records were made at several places.   known : at least one says where.
+    """
+    share = 0.5 if apart else 1.0
+    sheet = data_sheet(axis, recordings)
+    constant = fit_model(recordings, start, counts_per_rev=counts_per_rev, sheet=sheet, progress=lambda f: progress(share * f))
     _refuse_jumps(recordings, constant, counts_per_rev)
     constant = _or_with_sheet_inertia(constant, axis, recordings, counts_per_rev)
-    if seldom is not None and seldom.misfit < constant.misfit:
-        return FinalModel(seldom, constant, ONE_PLACE)
-    places = stiffness_by_record(recordings, constant.model, counts_per_rev, constant.noise_nm, constant.path)
+    places = _stiffness_by_record(recordings, constant.model, counts_per_rev, constant.noise_nm, constant.path)
     spread = _clear_spread(places)
     if spread < STIFFNESS_SPREAD or not apart:
         progress(1.0)
         reason = f"stiffness differs by {100 * spread:.1f} % between places at most: taken as constant"
         if len(places) < 2 or not apart:
             reason = "measured at one place: stiffness taken as constant"
-        if not at:
+        if not known:
             reason = "nobody knows where along the travel this was measured: the stiffness holds for that place alone"
         return FinalModel(constant, None, reason)
     if axis.kind in KINDS:  # (2.26) is a belt's; of a gap or a soft bearing a stiffness by record differs as well
@@ -166,17 +196,6 @@ def _or_with_sheet_inertia(fit: ModelFit, axis: Axis, recordings: Sequence[Recor
     In a gap the motor swings alone: excited records show masses that are not there, as many as one likes, and a stiffness to each.  Strokes
     and moves carry the whole load, so that with the motor's inertia as it is stated the load is what slow motion says.
 
-    Parameters
-    ----------
-    fit : ModelFit
-        Of the records.
-    axis : Axis
-        Data sheets.
-    recordings : sequence of Recording
-        Of the fit.
-    counts_per_rev : int
-        Of the encoder.
-
     Returns
     -------
     ModelFit
@@ -198,17 +217,7 @@ def _or_with_sheet_inertia(fit: ModelFit, axis: Axis, recordings: Sequence[Recor
 
 
 def _refuse_jumps(recordings: Sequence[Recording], fit: ModelFit, counts_per_rev: int) -> None:
-    """Raise DamagedRecord when a record that the fit does not explain is explained without a jump of its angle.
-
-    Parameters
-    ----------
-    recordings : sequence of Recording
-        Of the fit.
-    fit : ModelFit
-        With the misfit of each record.
-    counts_per_rev : int
-        Of the encoder.
-    """
+    """Raise DamagedRecord when a record that the fit does not explain is explained without a jump of its angle."""
     step = 2.0 * np.pi / counts_per_rev
     for recording in recordings:
         if fit.record_misfit.get(recording.name, 0.0) > SUSPECT_MISFIT:
@@ -254,18 +263,99 @@ def _clear_spread(places: Mapping[str, PlaceStiffness]) -> float:
     ----------
     places : mapping of str to PlaceStiffness
         By record.
-
-    Returns
-    -------
-    float
-        Of the smaller stiffness.
     """
     pairs = itertools.combinations(places.values(), 2)
     differences = [(abs(np.log(a.stiffness_n_m / b.stiffness_n_m)), float(np.hypot(a.deviation, b.deviation))) for a, b in pairs]
     return max((float(np.expm1(d)) for d, deviation in differences if d > CLEAR * deviation), default=0.0)
 
 
-def stiffness_by_record(
+def with_late_torque(found: FinalModel, recordings: Sequence[Recording], axis: Axis, counts_per_rev: int) -> FinalModel:
+    """The fit with torque that acts later than it is reported, where that explains clearly more; else the fit as it is.
+
+    A loop designed without knowing a dead time of a millisecond, from inertia and mass that it has biased, cannot be closed.
+
+    Parameters
+    ----------
+    found : FinalModel
+        Without it.
+    recordings : sequence of Recording
+        That it was fitted to.
+    axis : Axis
+    counts_per_rev : int
+        Of the encoder.
+    """
+    late = found.fit.model.with_effect("dead_time", {"time": LATE_S})
+    other = _fitted(recordings, axis, counts_per_rev, late)
+    return other if other is not None and evidence(other.fit, found.fit) > CLEAR_EVIDENCE else found
+
+
+def from_records_alone(found: FinalModel, recordings: Sequence[Recording], axis: Axis, counts_per_rev: int) -> FinalModel:
+    """The fit begun anew from its own records, where that explains them; else the fit as it is.
+
+    The estimate it began from is kept near the data sheets, which may be far from the machine: the fit can end beside it.
+
+    Parameters
+    ----------
+    found : FinalModel
+        Begun from an estimate.
+    recordings : sequence of Recording
+        That it was fitted to.
+    axis : Axis
+    counts_per_rev : int
+        Of the encoder.
+    """
+    other = _fitted(recordings, axis, counts_per_rev)
+    return found if other is None or other.fit.suspect else other
+
+
+def begun_best(
+    recordings: Sequence[Recording], axis: Axis, counts_per_rev: int, first: Model | None, progress: Callable[[float], None]
+) -> FinalModel:
+    """The fit that `beltcomm fit` makes of these records; begun from a first model where that is none or explains them better.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Of the run.
+    axis : Axis
+    counts_per_rev : int
+        Of the encoder.
+    first : Model or None
+        Of a part of the records.
+    progress : callable
+        Told the share that is done, 0 to 1.
+
+    Returns
+    -------
+    FinalModel
+        With its reason.
+
+    Raises
+    ------
+    DataError
+        When no record can be fitted.
+    """
+    try:
+        found = final_model(recordings, axis, counts_per_rev, progress=progress)
+    except DataError:
+        if first is None:
+            raise
+        return final_model(recordings, axis, counts_per_rev, start=first)
+    if first is None or not found.fit.suspect:
+        return found
+    other = _fitted(recordings, axis, counts_per_rev, first)
+    return other if other is not None and other.fit.misfit < found.fit.misfit else found
+
+
+def _fitted(recordings: Sequence[Recording], axis: Axis, counts_per_rev: int, start: Model | None = None) -> FinalModel | None:
+    """:func:`final_model` begun elsewhere; None where no record can be fitted from there."""
+    try:
+        return final_model(recordings, axis, counts_per_rev, start=start)
+    except DataError:
+        return None
+
+
+def _stiffness_by_record(
     recordings: Sequence[Recording], model: Model, counts_per_rev: int, noise_nm: float, path: TorquePath = FAITHFUL
 ) -> dict[str, PlaceStiffness]:
     """Belt stiffness that each excited record wants for itself, all else as in ``model``; not of held-out records, nor of moving ones.
@@ -275,7 +365,6 @@ def stiffness_by_record(
     Parameters
     ----------
     recordings : sequence of Recording
-        Of a run.
     model : Model
         With one belt stiffness.
     counts_per_rev : int

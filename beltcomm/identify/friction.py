@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import stdtrit
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, rms
 from beltcomm.errors import DataError, UsageError
 from beltcomm.model.value import Value
 
@@ -254,7 +254,7 @@ def fit_friction(plateaus: Sequence[Plateau], *, slowest_rad_s: float = 0.0) -> 
         backward=_one_direction(-1.0, speed, torque, weight),
         points=_points(followed),
         repeat_scatter_nm=repeat_scatter_nm,
-        rms_nm=float(np.sqrt(np.mean((torque - regressor @ estimate) ** 2))),
+        rms_nm=rms(torque - regressor @ estimate),
         remarks=(),
     )
     left_out = sorted({p.reference_rad_s for p in plateaus if p not in followed})

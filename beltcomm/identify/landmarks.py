@@ -117,7 +117,6 @@ def shape_of(model: Model, position_m: float) -> Shape | None:
     Parameters
     ----------
     model : Model
-        Of the axis.
     position_m : float, m
         Carriage on the axis.
 

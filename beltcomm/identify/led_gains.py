@@ -82,7 +82,6 @@ def gain_factors(
     cascade : Cascade
         That the drive is taken to run.
     structure : CascadeStructure
-        Of the drive's loops.
     delay_s : float, s
         Torque setpoint to acting torque.
     unsure : float

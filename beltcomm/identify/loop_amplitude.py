@@ -115,7 +115,6 @@ def simulate_record(model: Model, loop: ClosedLoop, motion: MovingExcitation, st
     Parameters
     ----------
     model : Model
-        Of the axis.
     loop : ClosedLoop
         That the drive closes.
     motion : MovingExcitation

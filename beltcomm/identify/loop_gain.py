@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtrit
 
-from beltcomm.arrays import Array, BoolArray
+from beltcomm.arrays import Array, BoolArray, later, rms
 from beltcomm.errors import DataError
 
 #: Samples from a setpoint to the torque that answers it, at most.
@@ -101,7 +101,7 @@ def velocity_law(steps: Steps) -> VelocityLaw:
     """
 
     def regressors(late: int) -> list[Array]:
-        error = _later(steps.setpoint, late) - _later(steps.velocity_rad_s, 1)
+        error = later(steps.setpoint, late) - later(steps.velocity_rad_s, 1)
         return [error, _integral(error) * steps.period_s]
 
     late = _late(steps, regressors, steps.torque_nm)
@@ -147,9 +147,9 @@ def position_gain(steps: Steps, law: VelocityLaw) -> Gain:
         return kp * error + ki * _integral(error) * steps.period_s
 
     def regressors(late: int) -> list[Array]:
-        return [through(_later(steps.setpoint, late) - _later(steps.position_rad, 1))]
+        return [through(later(steps.setpoint, late) - later(steps.position_rad, 1))]
 
-    answered = steps.torque_nm + through(_later(steps.velocity_rad_s, 1))
+    answered = steps.torque_nm + through(later(steps.velocity_rad_s, 1))
     late = _late(steps, regressors, answered)
     each, rest = _fit(steps, regressors(late), answered, _steady(steps, late))
     _check(steps, rest, "the position loop's setpoint")
@@ -172,14 +172,9 @@ def _late(steps: Steps, regressors: Callable[[int], list[Array]], answered: Arra
     return int(np.argmin([_fit(steps, regressors(late), answered, whole)[1] for late in range(LATEST + 1)]))
 
 
-def _later(values: Array, samples: int) -> Array:
-    """The values so many samples later, the first one before."""
-    return np.concatenate([np.full(samples, values[0]), values[: len(values) - samples]])
-
-
 def _steady(steps: Steps, late: int) -> BoolArray:
     """Rows in which a setpoint so late has not just changed."""
-    changed = np.flatnonzero(np.diff(_later(steps.setpoint, late), prepend=steps.setpoint[0]))
+    changed = np.flatnonzero(np.diff(later(steps.setpoint, late), prepend=steps.setpoint[0]))
     steady = np.ones(len(steps.setpoint), dtype=bool)
     for row in changed:
         steady[row : row + RISE] = False
@@ -198,7 +193,7 @@ def _fit(steps: Steps, regressors: list[Array], answered: Array, rows: BoolArray
         solved, *_ = np.linalg.lstsq(table[chosen] / scale, answered[chosen], rcond=None)
         each.append(solved / scale)
         rests.append(answered[chosen] - table[chosen] @ each[-1])
-    return np.array(each)[:, : len(regressors)], float(np.sqrt(np.mean(np.concatenate(rests) ** 2)))
+    return np.array(each)[:, : len(regressors)], rms(np.concatenate(rests))
 
 
 def _check(steps: Steps, rest_nm: float, what: str) -> None:

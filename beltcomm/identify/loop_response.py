@@ -10,7 +10,7 @@ from typing import Any, Final, Literal
 import numpy as np
 from scipy.special import stdtrit
 
-from beltcomm.arrays import Array, ComplexArray
+from beltcomm.arrays import Array, ComplexArray, decibels
 from beltcomm.control import Cascade
 from beltcomm.drive.parameters import cascade_to_parameters, parameters_to_cascade
 from beltcomm.errors import DataError, UsageError
@@ -244,7 +244,7 @@ def bias_of(response: FrequencyResponse, known: KnownController) -> Biased:
     """
     late = np.exp(-2j * np.pi * response.freq_hz * known.delay_s)
     product = response.h * late * known.feedback(response.freq_hz)
-    shift = -20.0 * np.log10(np.abs(1.0 + DOUBT * product))
+    shift = -decibels(1.0 + DOUBT * product)
     strong = np.flatnonzero(np.abs(product) > 1.0)
     harmful = np.flatnonzero(np.abs(shift) > NO_BIAS_DB)
     freq = response.freq_hz
@@ -314,7 +314,7 @@ def difference_db(one: FrequencyResponse, other: FrequencyResponse, low_hz: floa
     band = (freq >= low_hz) & (freq < high_hz)
     if not band.any():
         return math.nan, math.nan
-    off = 20.0 * np.log10(np.abs(one.h[here][band] / other.h[there][band]))
+    off = decibels(one.h[here][band] / other.h[there][band])
     shares = [(found.noise[at] / np.abs(found.h[at]))[band] for found, at in ((one, here), (other, there))]
     variance = np.sum((20.0 / math.log(10.0)) ** 2 * (shares[0] ** 2 + shares[1] ** 2) / 2.0)
     return float(np.mean(off)), NORMAL_95 * math.sqrt(float(variance)) / int(band.sum())

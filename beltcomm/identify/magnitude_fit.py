@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import least_squares, minimize
 from scipy.special import stdtrit
 
-from beltcomm.arrays import Array, BoolArray, ComplexArray
+from beltcomm.arrays import Array, BoolArray, ComplexArray, decibels, rms
 from beltcomm.errors import DataError, UsageError
 from beltcomm.model.transfer import TwoMass
 from beltcomm.model.value import Value
@@ -86,7 +86,7 @@ class MagnitudeFit:
     @property
     def rms_db(self) -> float:
         """Root mean square of the residual, dB."""
-        return float(np.sqrt(np.mean(self.residual_db**2)))
+        return rms(self.residual_db)
 
     @property
     def two_mass(self) -> TwoMass:
@@ -95,7 +95,7 @@ class MagnitudeFit:
         return TwoMass(**values, belt_damping_n_s_m=0.0, transmission_m_rad=self.transmission_m_rad)
 
 
-def product_form(freq_hz: Array, theta: Mapping[str, Array | float], transmission_m_rad: float) -> ComplexArray:
+def _product_form(freq_hz: Array, theta: Mapping[str, Array | float], transmission_m_rad: float) -> ComplexArray:
     """Torque to motor angle (2.42), rad/(N m), for any number of parameter sets at once.
 
     G = 1/(s² (Θ_e + i_t² m_c) + s i_t² (d_m + d_c)) · (m_c s² + d_c s + c)/(μ s² + δ s + c)
@@ -164,7 +164,7 @@ def fit_magnitude(
     if solver not in ("lm", "trf", "nelder-mead"):
         raise UsageError(f"solver {solver!r} is not known; choose lm, trf or nelder-mead")
     chosen = chosen_lines(response, MOST_LINES, HIGHEST_CONTINUOUS)
-    measured_db = _decibel(chosen.h)
+    measured_db = decibels(chosen.h)
     few = log_spaced_lines(chosen.freq_hz, N_START_LINES, 0.0, HIGHEST_CONTINUOUS / response.sample_period_s)
     starts = _start_values(chosen.freq_hz[few], measured_db[few], transmission_m_rad, inertia_kg_m2)
 
@@ -172,7 +172,7 @@ def fit_magnitude(
     given = {} if inertia_kg_m2 is None else {"inertia_kg_m2": inertia_kg_m2}
 
     def residual_db(theta: Mapping[str, float]) -> Array:
-        return measured_db - _decibel(product_form(chosen.freq_hz, {**given, **theta}, transmission_m_rad))
+        return measured_db - decibels(_product_form(chosen.freq_hz, {**given, **theta}, transmission_m_rad))
 
     problems = [_Problem(names, start, residual_db) for start in starts]
     fits = [problem.solve(solver) for problem in problems]
@@ -290,10 +290,6 @@ def _combined_coefficients(theta: Mapping[str, Array | float], transmission_m_ra
     return total, i2 * (d_m + d_c), inertia * m_c / total, (i2 * m_c * d_m + inertia * d_c) / total
 
 
-def _decibel(h: ComplexArray) -> Array:
-    return np.asarray(20.0 * np.log10(np.abs(h)), dtype=np.float64)
-
-
 def chosen_lines(response: FrequencyResponse, n_lines: int, highest_share: float) -> FrequencyResponse:
     """Lines up to a share of the sampling frequency that are not noise, thinned to a nearly log-spaced subset.
 
@@ -350,7 +346,7 @@ def _start_values(freq_hz: Array, measured_db: Array, transmission_m_rad: float,
         "cart_damping_n_s_m": d_c + 0.0 * motor_share,
         "inertia_kg_m2": np.full_like(mass, inertia),
     }
-    difference = measured_db - _decibel(product_form(freq_hz, grid, transmission_m_rad))
+    difference = measured_db - decibels(_product_form(freq_hz, grid, transmission_m_rad))
     level_db = difference.mean(axis=-1, keepdims=True) if inertia_kg_m2 is None else np.zeros((*difference.shape[:-1], 1))
     cost = np.sum((difference - level_db) ** 2, axis=-1)
     starts: list[dict[str, float]] = []

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, rms
 from beltcomm.errors import BeltcommError, DataError
 from beltcomm.fit.noise.level import torque_noise
 from beltcomm.fit.residual.segment import segments
@@ -85,7 +85,7 @@ class Standstill:
         return self.seen.value - (self.seen.interval or 0.0) > self.sweep.value + (self.sweep.interval or 0.0)
 
 
-def sine_amplitude(speed: Array) -> float:
+def _sine_amplitude(speed: Array) -> float:
     """Ω = (4/π) E ω²/E|ω| : the amplitude of the sine for which Coulomb friction is the same damper as for this motion.
 
     Parameters
@@ -104,7 +104,7 @@ def sine_amplitude(speed: Array) -> float:
     return 4.0 / np.pi * float(np.mean(speed**2)) / mean
 
 
-def friction_as_damping(level: float, amplitude: float) -> float:
+def _friction_as_damping(level: float, amplitude: float) -> float:
     """d = 4 M/(π Ω), describing function of Coulomb friction.
 
     Parameters
@@ -155,7 +155,7 @@ def _motion_of(recording: Recording, model: Model) -> tuple[Array, Array]:
     return np.concatenate(motor), np.concatenate(cart)
 
 
-def standstill_of(recording: Recording, fit: MagnitudeFit, model: Model, sweep: FrictionFit) -> Standstill:
+def _standstill_of(recording: Recording, fit: MagnitudeFit, model: Model, sweep: FrictionFit) -> Standstill:
     """Both dampings of one record, and what Coulomb friction explains of their difference.
 
     Parameters
@@ -171,55 +171,39 @@ def standstill_of(recording: Recording, fit: MagnitudeFit, model: Model, sweep: 
         For a record that is not around standstill.
     """
     motor, cart = _motion_of(recording, model)
-    if abs(float(np.mean(motor))) > MOVING_SHARE * float(np.sqrt(np.mean(motor**2))):
+    if abs(float(np.mean(motor))) > MOVING_SHARE * rms(motor):
         raise DataError(f"{recording.name} was made in motion, not around standstill: friction does not reverse there")
     ratio = model["transmission.ratio"]
     levels = np.array([model.get(COULOMB[0]), ratio * model.get(COULOMB[1])])
     share = levels / levels.sum() if levels.sum() > 0.0 else np.array([1.0, 0.0])
     coulomb, viscous = sweep.coulomb, sweep.viscous
-    amplitudes = sine_amplitude(motor), sine_amplitude(cart)
-    gains = np.array([friction_as_damping(part, omega) for part, omega in zip(share, amplitudes, strict=True)])
+    amplitudes = _sine_amplitude(motor), _sine_amplitude(cart)
+    gains = np.array([_friction_as_damping(part, omega) for part, omega in zip(share, amplitudes, strict=True)])
     uncertain = float(gains.sum()) * (coulomb.interval or 0.0) + (viscous.interval or 0.0)
     predicted = viscous.value + float(gains.sum()) * coulomb.value
     return Standstill(
         recording.name,
         _apparent(fit),
-        parts(fit),
+        _parts(fit),
         viscous,
         amplitudes,
         (float(share[0] * coulomb.value), float(share[1] * coulomb.value)),
         Value(predicted, "N m s/rad", "motor", 0.0, np.inf, uncertain, "describing function"),
         (float(gains[0] * coulomb.value), float(gains[1] * coulomb.value)),
-        viscous.value + friction_as_damping(coulomb.value, amplitudes[0]),
+        viscous.value + _friction_as_damping(coulomb.value, amplitudes[0]),
         _apparent_damping(model, recording, fit),
         _apparent_damping(model.with_values({name: 0.0 for name in COULOMB if name in model.parameters}), recording, fit),
     )
 
 
-def parts(fit: MagnitudeFit) -> tuple[float, float]:
-    """i_t² d_m and i_t² d_c of a log-magnitude fit, N m s/rad at the motor.
-
-    Parameters
-    ----------
-    fit : MagnitudeFit
-        Of two masses.
-
-    Returns
-    -------
-    tuple of float
-        Of motor and carriage.
-    """
+def _parts(fit: MagnitudeFit) -> tuple[float, float]:
+    """i_t² d_m and i_t² d_c of a log-magnitude fit, N m s/rad at the motor."""
     two = fit.two_mass
     return two.transmission_m_rad**2 * two.motor_damping_n_s_m, two.transmission_m_rad**2 * two.cart_damping_n_s_m
 
 
 def _apparent(fit: MagnitudeFit) -> Value:
     """i_t² (d_m + d_c) with its interval, from both intervals and their correlation; infinite where one is not determined.
-
-    Parameters
-    ----------
-    fit : MagnitudeFit
-        Of two masses.
 
     Returns
     -------
@@ -232,7 +216,7 @@ def _apparent(fit: MagnitudeFit) -> Value:
     correlation = float(fit.correlation[both[0], both[1]]) if len(both) == 2 else 0.0
     square = float(half @ half + 2.0 * correlation * half[0] * half[1]) if np.all(np.isfinite(half)) else np.inf
     interval = fit.transmission_m_rad**2 * float(np.sqrt(max(square, 0.0)))
-    return Value(sum(parts(fit)), "N m s/rad", "motor", 0.0, np.inf, interval, "log-magnitude fit")
+    return Value(sum(_parts(fit)), "N m s/rad", "motor", 0.0, np.inf, interval, "log-magnitude fit")
 
 
 def _apparent_damping(model: Model, recording: Recording, fit: MagnitudeFit) -> float | None:
@@ -246,7 +230,7 @@ def _apparent_damping(model: Model, recording: Recording, fit: MagnitudeFit) -> 
     try:
         moved = integrate_torque(model.with_values(still), recording.torque - float(np.mean(recording.torque)), period, place)
         response = estimate_response(recording.torque, moved.position_rad, period, note.period_samples, note.first_sample)
-        return sum(parts(fit_magnitude(response, model["transmission.ratio"], model["motor.inertia"], solver=fit.solver)))
+        return sum(_parts(fit_magnitude(response, model["transmission.ratio"], model["motor.inertia"], solver=fit.solver)))
     except BeltcommError:
         return None
 
@@ -259,7 +243,6 @@ def largest(
     Parameters
     ----------
     recordings : sequence of Recording
-        Of a run.
     fits : mapping of str to MagnitudeFit
         By record.
     model : Model
@@ -277,7 +260,7 @@ def largest(
     by_name = {r.name: r for r in recordings}
     for name in sorted(fits, key=lambda n: -_apparent(fits[n]).value):
         try:
-            return standstill_of(by_name[name], fits[name], model, sweep)
+            return _standstill_of(by_name[name], fits[name], model, sweep)
         except DataError:
             continue
     return None

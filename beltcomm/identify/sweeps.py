@@ -188,7 +188,6 @@ def sweeps_of(recordings: Sequence[Recording], slowest_rad_s: float = 0.0, inert
     Parameters
     ----------
     recordings : sequence of Recording
-        Of a run.
     slowest_rad_s : float
         As in :func:`fit_friction`.
     inertia_kg_m2 : float
@@ -215,7 +214,6 @@ def steady_passes(recordings: Sequence[Recording], model: Model) -> SteadyPasses
     Parameters
     ----------
     recordings : sequence of Recording
-        Of a run.
     model : Model
         Whose inertia is taken off passes that miss their speed.
 

@@ -125,9 +125,7 @@ def compare_masses(
     Parameters
     ----------
     recordings : sequence of Recording
-        Of a run.
     axis : Axis
-        As its file states it.
     counts_per_rev : int
         Of the encoder.
     responses : dict of str to FrequencyResponse
@@ -144,28 +142,17 @@ def compare_masses(
     """
     axis.require("the three-mass model", "belt.specific_stiffness_n", "belt.pulley_distance_m")
     two = final_model(recordings, axis, counts_per_rev, progress=lambda f: progress(0.4 * f))
-    three = fit_three_mass(recordings, axis, two.fit, counts_per_rev, progress=lambda f: progress(0.4 + 0.5 * f))
+    three = _fit_three_mass(recordings, axis, two.fit, counts_per_rev, progress=lambda f: progress(0.4 + 0.5 * f))
     if "belt_stiffness" in two.fit.model.effects and evidence(three, two.fit) > 0.0:
-        two = with_spans(two, axis, recordings, counts_per_rev)
+        two = _with_spans(two, axis, recordings, counts_per_rev)
     progress(1.0)
-    return judge_third_mass(two, three, axis, recordings, responses)
+    return _judge_third_mass(two, three, axis, recordings, responses)
 
 
-def with_spans(two: FinalModel, axis: Axis, recordings: Sequence[Recording], counts_per_rev: int) -> FinalModel:
+def _with_spans(two: FinalModel, axis: Axis, recordings: Sequence[Recording], counts_per_rev: int) -> FinalModel:
     """The two-mass model on the same spans with a massless end pulley, where that is the better one.
 
     A belt that gets softer along the few millimetres of an excitation must not be taken for a third mass.
-
-    Parameters
-    ----------
-    two : FinalModel
-        Of two masses.
-    axis : Axis
-        With the distance of the pulleys.
-    recordings : sequence of Recording
-        Of the fit.
-    counts_per_rev : int
-        Of the encoder.
 
     Returns
     -------
@@ -182,7 +169,7 @@ def with_spans(two: FinalModel, axis: Axis, recordings: Sequence[Recording], cou
     )
 
 
-def fit_three_mass(
+def _fit_three_mass(
     recordings: Sequence[Recording],
     axis: Axis,
     two: ModelFit,
@@ -191,11 +178,6 @@ def fit_three_mass(
     progress: Callable[[float], None] = lambda _fraction: None,
 ) -> ModelFit:
     """The three-mass model fitted to the excited records from the start values that rank best, until it explains them, then to all.
-
-    Parameters
-    ----------
-    two : ModelFit
-        The fitted two-mass model.
 
     Raises
     ------
@@ -346,7 +328,7 @@ def resonances_hz(model: Model, position_m: float, held: Sequence[str] = ()) -> 
     return tuple(mode.freq_hz for mode in modes(model, operating_point(model, position_m, 1.0), held=held))
 
 
-def signal_up_to(response: FrequencyResponse) -> float:
+def _signal_up_to(response: FrequencyResponse) -> float:
     """Highest frequency at which a response stands above its noise: median over neighbouring lines at least ``SHOWN``.
 
     Parameters
@@ -371,10 +353,10 @@ def _reach(name: str, place_m: float | None, response: FrequencyResponse, model:
     around = np.argsort(np.abs(response.freq_hz - mode))[:TOGETHER]
     within = response.freq_hz[0] <= mode <= response.freq_hz[-1]
     ratio = float(np.median(np.abs(response.h[around]) / np.maximum(response.noise[around], 1e-300))) if within else 0.0
-    return ResponseBand(name, place_m, signal_up_to(response), 0.5 / response.sample_period_s, mode, ratio)
+    return ResponseBand(name, place_m, _signal_up_to(response), 0.5 / response.sample_period_s, mode, ratio)
 
 
-def judge_third_mass(
+def _judge_third_mass(
     two: FinalModel, three: ModelFit, axis: Axis, recordings: Sequence[Recording], responses: Mapping[str, FrequencyResponse]
 ) -> ThreeMass:
     """The third mass, judged by evidence, intervals, held-out records, what is left over, and its mode within the records.
@@ -386,7 +368,6 @@ def judge_third_mass(
     three : ModelFit
         Of three, on the same records.
     axis : Axis
-        Data sheets.
     recordings : sequence of Recording
         Of the fits.
     responses : mapping of str to FrequencyResponse

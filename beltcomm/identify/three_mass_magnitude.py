@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.special import stdtrit
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, decibels, rms
 from beltcomm.axis import Axis
 from beltcomm.identify.magnitude_fit import HIGHEST_SAMPLED, chosen_lines
 from beltcomm.model import Model, build_model
@@ -73,7 +73,6 @@ def fit_magnitudes(
     start : Model
         Three-mass model; its Coulomb friction is left out.
     axis : Axis
-        As its file states it.
     """
     chosen = {name: chosen_lines(r, LINES, HIGHEST_SAMPLED) for name, r in responses.items()}
     if not chosen:
@@ -86,13 +85,6 @@ def fit_magnitudes(
 
 def _linear_model(model: Model, axis: Axis) -> Model:
     """The model with viscous friction alone, at values that Coulomb friction poses as around standstill.
-
-    Parameters
-    ----------
-    model : Model
-        With Coulomb friction.
-    axis : Axis
-        For the place of the driven side.
 
     Returns
     -------
@@ -129,7 +121,7 @@ def _with_coupling(model: Model, axis: Axis) -> Model:
 
 def _fitted(chosen: Mapping[str, FrequencyResponse], places_m: Mapping[str, float], start: Model) -> ThreeMassMagnitude:
     points = {name: operating_point(start, places_m[name], 1.0) for name in chosen}
-    measured = {name: 20.0 * np.log10(np.abs(r.h)) for name, r in chosen.items()}
+    measured = {name: decibels(r.h) for name, r in chosen.items()}
     begin = np.array([start[name] for name in FREE])
     limits = [start.parameters[name] for name in FREE]
     low = np.log([max(v.low, FLOOR * b) for v, b in zip(limits, begin, strict=True)])
@@ -140,7 +132,7 @@ def _fitted(chosen: Mapping[str, FrequencyResponse], places_m: Mapping[str, floa
         parts = []
         for name, response in chosen.items():
             h = sampled_response(model, points[name], response.freq_hz, response.sample_period_s)
-            parts.append(measured[name] - 20.0 * np.log10(np.abs(h)))
+            parts.append(measured[name] - decibels(h))
         return np.concatenate(parts)
 
     edge = 1e-9 * (high - low)
@@ -157,4 +149,4 @@ def _fitted(chosen: Mapping[str, FrequencyResponse], places_m: Mapping[str, floa
         name: Value(float(value), item.unit, item.side, item.low, item.high, float(width), "log-magnitude fit")
         for name, value, width, item in zip(FREE, values, half, limits, strict=True)
     }
-    return ThreeMassMagnitude(parameters, float(np.sqrt(np.mean(found.fun**2))), "coupling" in start.effects)
+    return ThreeMassMagnitude(parameters, rms(found.fun), "coupling" in start.effects)

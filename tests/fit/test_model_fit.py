@@ -272,7 +272,7 @@ def test_slow_strokes_alone_are_refused_where_they_would_mislead(rig: str) -> No
 
 def test_samples_with_a_reversal_count_where_friction_turns_at_once(g_b: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     assert g_b.fit.data.reversals
-    monkeypatch.setattr(base, "refit_with_reversals", lambda data, fitted, **_: (data, fitted))
+    monkeypatch.setattr(base, "_refit_with_reversals", lambda data, fitted, **_: (data, fitted))
     without = fit_model(g_b.records, g_b.fit.model, counts_per_rev=COUNTS)
     assert without.samples < 0.75 * g_b.fit.samples
     assert half(g_b.fit, "motor.inertia") < 0.8 * half(without, "motor.inertia")

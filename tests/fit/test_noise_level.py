@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from beltcomm.fit.noise.level import noise_colour, noise_untold, repeats_itself, torque_noise
+from beltcomm.fit.noise.level import _noise_untold, noise_colour, repeats_itself, torque_noise
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import ExcitationNote, Sidecar
 from identify.records import NOISE_NM, Recorder
@@ -53,7 +53,7 @@ def test_torque_noise_has_a_floor() -> None:
 def test_torque_noise_of_less_than_two_periods_is_not_that_of_the_jumps(rows: int) -> None:
     record = some_rows(shaken(), slice(rows))
     assert torque_noise([record]) == pytest.approx(NOISE_NM, rel=0.15)
-    assert noise_untold([record]) == ""
+    assert _noise_untold([record]) == ""
 
 
 @pytest.mark.parametrize("experiment", ["free", "frf"])
@@ -95,10 +95,10 @@ def test_torque_noise_of_a_fast_but_smooth_excitation_that_does_not_repeat() -> 
 
 def test_an_excitation_that_changes_with_every_row_hides_the_noise_and_that_is_said() -> None:
     record = excited_by(np.random.default_rng(5).normal(0.0, 0.2, 6000))
-    assert "cannot be told" in noise_untold([record])
-    assert noise_untold([replace(record, torque_setpoint=np.array(record.torque))]) == ""
+    assert "cannot be told" in _noise_untold([record])
+    assert _noise_untold([replace(record, torque_setpoint=np.array(record.torque))]) == ""
     stroke = Recorder(seed=15).stroked(draw("g_b", np.random.default_rng(15)), (0.1, 0.5), 0.2)
-    assert noise_untold([record, replace(stroke, torque_setpoint=None)]) == ""
+    assert _noise_untold([record, replace(stroke, torque_setpoint=None)]) == ""
 
 
 @pytest.mark.parametrize("amplitude_nm", [0.75, 2.5])
@@ -113,7 +113,7 @@ def test_torque_noise_of_one_period_of_a_multisine_that_is_fast_and_fades(amplit
     note = ExcitationNote(kind="multisine", amplitude_nm=amplitude_nm, period_samples=period, first_sample=2299)
     for sidecar in (Sidecar("frf", excitation=note), Sidecar("free"), Sidecar("frf")):
         assert torque_noise([replace(record, sidecar=sidecar)]) == pytest.approx(NOISE_NM, rel=0.1)
-        assert noise_untold([replace(record, sidecar=sidecar)]) == ""
+        assert _noise_untold([replace(record, sidecar=sidecar)]) == ""
 
 
 def test_an_excitation_that_falls_with_frequency_is_no_plateau_of_noise() -> None:
@@ -121,7 +121,7 @@ def test_an_excitation_that_falls_with_frequency_is_no_plateau_of_noise() -> Non
     driven = np.random.default_rng(7).normal(0.0, 0.2, 6000)
     record = excited_by(lfilter([0.1], [1.0, -0.9], driven))
     assert torque_noise([record]) > 1.5 * NOISE_NM
-    assert "cannot be told" in noise_untold([record])
+    assert "cannot be told" in _noise_untold([record])
 
 
 @pytest.mark.parametrize("colour", [0.0, 0.5, 0.9])

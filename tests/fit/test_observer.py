@@ -14,11 +14,11 @@ from beltcomm.effects import effect_named
 from beltcomm.fit import estimate as fitting
 from beltcomm.fit.likelihood.problem import Problem
 from beltcomm.fit.records import Data, prepare, remade, with_process_noise
-from beltcomm.fit.residual.observer import settling_samples, stiffest
+from beltcomm.fit.residual.observer import _settling_samples, _stiffest
 from beltcomm.fit.residual.segment import Segment
 from beltcomm.fit.residual.whitened import evaluate, in_noise, whitened_residual, with_observer
 from beltcomm.fit.start.model import start_model
-from beltcomm.laboratory.gaps import STIFFNESS, along_gap_valley
+from beltcomm.laboratory.gaps import STIFFNESS, _along_gap_valley
 from beltcomm.laboratory.selection import candidate
 from beltcomm.model import Model, build_model
 from beltcomm.runfolder import RunFolder
@@ -92,7 +92,7 @@ def test_an_observer_says_how_much_the_carriage_strays(rattling: tuple[Data, Mod
 def test_behind_a_long_rest_the_carriage_may_be_anywhere() -> None:
     keep = np.ones(200, dtype=np.bool_)
     keep[20:40], keep[60:110], keep[150:] = False, False, False
-    assert np.flatnonzero(settling_samples(keep, 1e-3)).tolist() == [
+    assert np.flatnonzero(_settling_samples(keep, 1e-3)).tolist() == [
         109
     ]  # 50 ms; 20 ms are remembered, and behind the last one nothing comes
 
@@ -209,7 +209,7 @@ def test_on_a_belt_that_stiffens_threefold_along_the_way_the_observer_keeps_the_
     for piece in data.fitted:
         white = whitened_residual(with_observer(piece, model), model, model.vector())
         assert float(np.sqrt(np.mean(white**2))) < 1.5
-    place, held = stiffest(model, 0.1, 0.9, np.linspace(0.1, 0.9, 9))
+    place, held = _stiffest(model, 0.1, 0.9, np.linspace(0.1, 0.9, 9))
     assert place == pytest.approx(0.1, abs=0.01)
     assert 0.2 < held[-1] < 0.5 < held[0] <= 1.0
 
@@ -220,8 +220,8 @@ def test_a_gap_is_looked_for_along_the_valley_of_gap_and_stiffness(rattling: tup
     few = replace(data, fitted=tuple(excited(data)[:2]), held_out=())
     wrong = model.with_values({"backlash.gap": 0.9 * model["backlash.gap"], STIFFNESS: 0.85 * model[STIFFNESS]})
     begun = fitting.fit(few, wrong, 0)
-    found = along_gap_valley(few, begun, 3)
+    found = _along_gap_valley(few, begun, 3)
     assert found.objective < begun.objective - 20.0
     assert found.model["backlash.gap"] == pytest.approx(model["backlash.gap"], rel=0.02)
     for settled in (fitting.fit(few, model, 0), fitting.fit(few, model.without_effect("backlash"), 0)):
-        assert along_gap_valley(few, settled, 3) is settled
+        assert _along_gap_valley(few, settled, 3) is settled

@@ -12,7 +12,7 @@ from beltcomm.fit.torque.path import ReadingLaw
 from beltcomm.fit.torque.reading_fit import ReadingFit, fit_reading
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar
-from fit.drives import behind, first_order, held, second_order, smoothed
+from fit.drives import FINE, behind, first_order, held, second_order, smoothed
 from marks import quick
 
 SAMPLE_S, NOISE_NM = 1e-3, 6e-3
@@ -142,6 +142,19 @@ def test_the_liveliest_record_tells(setpoint: np.ndarray) -> None:
     assert found.law.delay == pytest.approx(1.57, abs=0.005)
 
 
+@pytest.mark.parametrize("time_s", [None, 2e-3])
+def test_a_record_that_begins_at_rest_tells_as_much(setpoint: np.ndarray, time_s: float | None) -> None:
+    """Two seconds of standstill before the excitation, as most loggers have them."""
+    late_to_begin = np.concatenate((np.zeros(2000), setpoint[:3000]))
+    torque = held(late_to_begin, 3.57)
+    found = fit_reading(
+        [recorded(late_to_begin, (torque if time_s is None else behind(torque, SAMPLE_S, *first_order(time_s))).mean(axis=1))]
+    )
+    assert found is not None
+    assert found.law.delay_s(SAMPLE_S) == pytest.approx(3.57e-3 + (time_s or 0.0), abs=3e-5)
+    assert found.rest_nm == pytest.approx(NOISE_NM, rel=0.05)
+
+
 def test_a_piece_between_gaps_is_looked_at_by_itself(setpoint: np.ndarray) -> None:
     """The clock stands still for 50 ms where 300 rows were lost: nothing is read across the gap."""
     whole = recorded(setpoint, held(setpoint, 1.57).mean(axis=1))
@@ -162,3 +175,30 @@ def test_where_no_setpoint_changes_nothing_is_told(setpoint: np.ndarray) -> None
 
 def test_a_reading_that_goes_against_its_setpoint_is_none(setpoint: np.ndarray) -> None:
     assert fit_reading([recorded(setpoint, -held(setpoint, 2.0).mean(axis=1))]) is None
+
+
+@pytest.mark.parametrize("share", [None, 0.55])
+@pytest.mark.parametrize("seed", quick(range(6), 2))
+def test_a_limited_slew_rate_between_filters_is_found_wherever_in_the_period_the_command_changes(seed: int, share: float | None) -> None:
+    """Behind one or two limits that leave a command no time to arrive, its instant does not show within a cell of the product's grid.
+
+    A limit and a filter of the samples have a mean over the period that is level with it: the motion is asked.
+    """
+    rng = np.random.default_rng([20261128, seed])
+    setpoint = np.repeat(rng.choice([-0.3, 0.3], 1500), 2)
+    delay, limit, time_s = rng.uniform(1.05, 2.95), rng.uniform(80.0, 250.0), 1e-3 * np.exp(rng.uniform(np.log(0.6), np.log(3.0)))
+    delay = round(delay * FINE) / FINE  # within a step of the truth's grid a limiter would follow the step's mean
+    asked = held(setpoint if share is None else smoothed(setpoint, share), delay)
+    read = behind(limited(asked, limit), SAMPLE_S, *first_order(time_s))[:, -1]  # the torque at the end of the period
+    found = fit_reading([recorded(setpoint, read, noise_nm=1e-3)])
+    assert found is not None
+    kinds = ["slew rate", "first order"] if share is None else ["sampled", "slew rate", "first order"]
+    assert len(found.law.lags) == len(kinds)
+    at_end = next(one for one in (found, *found.rivals) if one.at_end and [lag.kind for lag in one.law.lags] == kinds)
+    lags = [*at_end.law.lags]
+    if share is not None:
+        assert lags.pop(0).values[0] == pytest.approx(share, abs=0.01)
+    assert at_end.law.delay == pytest.approx(delay, abs=0.03)
+    assert lags[0].values[0] == pytest.approx(limit, rel=0.01)
+    assert lags[1].values[0] == pytest.approx(time_s, rel=0.03)
+    assert found.noise_nm == pytest.approx(1e-3, rel=0.2)

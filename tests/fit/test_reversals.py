@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from beltcomm.fit.residual.reversals import find_passages, reversal_correction, samples_at
+from beltcomm.fit.residual.reversals import _find_passages, _reversal_correction, _samples_at
 from beltcomm.simulate.inverse import FineMotion
 from beltcomm.simulate.kernels.pieces import triangular_mean
 
@@ -25,11 +25,11 @@ def reversal(instant_s: float, samples: int = 9, rest_s: float = 0.0) -> FineMot
 @pytest.mark.parametrize("instant_s", [4.013e-3, 4.5e-3, 4.03125e-3, 4.99e-3])
 def test_friction_turns_at_the_instant_of_the_reversal(instant_s: float) -> None:
     motion = reversal(instant_s)
-    doubtful, instants = find_passages(motion, 0.3, 1000.0)
+    doubtful, instants = _find_passages(motion, 0.3, 1000.0)
     assert not doubtful.any()
     assert instants * SAMPLE_S / SUBSTEPS == pytest.approx([instant_s], abs=1e-9)
 
-    cells, mean = reversal_correction(motion, instants, RATIO)
+    cells, mean = _reversal_correction(motion, instants, RATIO)
     # By quadrature of the sign itself, as the module's head writes the mean: sign(t - t₀) with the weight 1 - |s|.
     for n in range(3, 7):
         low, high = (n - 1) * SAMPLE_S, (n + 1) * SAMPLE_S
@@ -59,11 +59,11 @@ def directions(motion: FineMotion) -> np.ndarray:
     ids=["rests", "hardly any torque to spare", "at the very start"],
 )
 def test_a_motor_that_may_have_stuck_does_not_count(motion: FineMotion, least: float) -> None:
-    doubtful, instants = find_passages(motion, 0.3, least)
+    doubtful, instants = _find_passages(motion, 0.3, least)
     assert not len(instants)
     slow = np.abs(motion.omega) < 0.3
     assert np.all(doubtful[slow])
-    touched = samples_at(doubtful, SUBSTEPS)
+    touched = _samples_at(doubtful, SUBSTEPS)
     for k in np.flatnonzero(doubtful):
         assert touched[k // SUBSTEPS], k
         assert touched[-(-k // SUBSTEPS)], k
@@ -72,6 +72,6 @@ def test_a_motor_that_may_have_stuck_does_not_count(motion: FineMotion, least: f
 def test_a_motor_that_only_slows_down_is_no_reversal() -> None:
     motion = reversal(4.2e-3)
     slowed = FineMotion(motion.theta, np.abs(motion.omega), motion.samples, SAMPLE_S, SUBSTEPS, 0.0)
-    doubtful, instants = find_passages(slowed, 0.3, 1000.0)
+    doubtful, instants = _find_passages(slowed, 0.3, 1000.0)
     assert not len(instants)
     assert doubtful.any()

@@ -16,7 +16,7 @@ from beltcomm.fit.residual.usable_samples import RUN_IN_S, RUN_IN_TRAVEL_M, rest
 from beltcomm.fit.residual.whitened import evaluate, noise_paths_of, whitened_residual
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
-from beltcomm.simulate.inverse import FineMotion, interpolate, torque_residuals
+from beltcomm.simulate.inverse import FineMotion, _interpolate, torque_residuals
 from identify.records import COUNTS, NOISE_NM, PERIOD_S, STEP_RAD, Recorder, true_model
 from truth import TruthPlant
 from truth.rigs import draw
@@ -81,7 +81,7 @@ def test_rounding_is_white_behind_a_belt_as_well(period_s: float, counts: int) -
     """The noise path against the model itself: an angle that is nothing but rounding, driven backwards through the kernel."""
     model = true_model(draw("g_b", np.random.default_rng(10))).with_values({"coulomb.level": 0.0, "cart_friction.level": 0.0})
     n, rng, step = 40_000, np.random.default_rng(3), 2.0 * np.pi / counts
-    angle, rate = interpolate(step * (rng.random(n) - 0.5), 16)
+    angle, rate = _interpolate(step * (rng.random(n) - 0.5), 16)
     motion = FineMotion(angle + 0.25 / model["transmission.ratio"], rate / period_s, n, period_s, 16, 0.0)
     residual = torque_residuals(model, motion, NOISE_NM * rng.normal(size=n), [model.vector()], [0.0])[0]
     keep = np.ones(n, dtype=bool)
@@ -327,3 +327,19 @@ def test_a_stretch_that_begins_in_motion_is_explained_as_well() -> None:
     middle = int(np.argmax(np.gradient(record.position))) + 50
     _, after = segments(without_rows(record, slice(middle, middle + 5)), model, STEP_RAD, NOISE_NM, fitted=True)
     assert np.mean(whitened_residual(after, model, model.vector()) ** 2) < 1.5
+
+
+@pytest.mark.parametrize(("start_m", "same"), [(1.2000010, True), (1.2, True), (0.7, False), (1.21, False)])
+def test_the_recorded_angle_is_absolute_where_the_start_position_says_the_same(start_m: float, *, same: bool) -> None:
+    """A radius is known to five digits and less; the lines of an encoder are counted by the thousand, from one angle in all records."""
+    plant = draw("g_b", np.random.default_rng(3))
+    model = true_model(plant)
+    ratio = model["transmission.ratio"]
+    recording = swept(Recorder(seed=3), plant)
+    moved = replace(
+        recording,
+        position=recording.position - recording.position[0] + 1.2 / ratio,
+        sidecar=replace(recording.sidecar, start_position_m=start_m),
+    )
+    first = float(segments(moved, model, STEP_RAD, NOISE_NM)[0].motion.theta[0])
+    assert first == pytest.approx(moved.position[0] if same else start_m / ratio, rel=1e-12)

@@ -7,7 +7,7 @@ import pytest
 
 from beltcomm.fit.noise.propagation import noise_schedule
 from beltcomm.fit.noise.whitening import whitener
-from beltcomm.fit.residual.whitened import stiffness_left
+from beltcomm.fit.residual.whitened import _stiffness_left
 from beltcomm.model import Model, build_model
 from beltcomm.simulate.inverse import FineMotion, torque_residuals
 
@@ -36,7 +36,7 @@ def shaken(rounding: np.ndarray | None = None) -> FineMotion:
 
 def test_what_is_left_of_the_stiffness_follows_the_force() -> None:
     """Force = mass times acceleration: beyond stiffness times limit one of two equal strands is gone."""
-    left = stiffness_left(axis("belt_slack"), shaken())
+    left = _stiffness_left(axis("belt_slack"), shaken())
     assert left is not None
     force = MASS * 12.0 * np.sin(2.0 * np.pi * 0.7 * PERIOD_S * np.arange(SAMPLES))
     slack, tight = np.abs(force) > 1.6 * STIFFNESS * LIMIT, np.abs(force) < 0.5 * STIFFNESS * LIMIT
@@ -48,13 +48,13 @@ def test_what_is_left_of_the_stiffness_follows_the_force() -> None:
 
 @pytest.mark.parametrize("model", [axis(), axis("backlash"), build_model("free", (), {}, base_bodies=("motor",))])
 def test_nothing_is_asked_where_no_strand_goes_slack(model: Model) -> None:
-    assert stiffness_left(model, shaken()) is None
+    assert _stiffness_left(model, shaken()) is None
 
 
 def test_rounding_is_white_also_while_a_strand_is_slack() -> None:
     """Rounding through the model's own kernel, which knows nothing of levels, against the filter."""
     model, motion = axis("belt_slack"), shaken()
-    left = stiffness_left(model, motion)
+    left = _stiffness_left(model, motion)
     assert left is not None
     rng = np.random.default_rng(5)
     rounding, noise = STEP_RAD * (rng.random(SAMPLES) - 0.5), rng.normal(0.0, NOISE_NM, SAMPLES)

@@ -15,7 +15,7 @@ from beltcomm.errors import BeltcommError
 from beltcomm.fit.estimate import evaluate_at
 from beltcomm.fit.model_fit import ModelFit, fit_model
 from beltcomm.recording import Recording
-from beltcomm.rundata.kept import key_of, key_of_model, restore_fit, store_fit
+from beltcomm.rundata.kept import _key_of, _key_of_model, _restore_fit, _store_fit
 from identify.records import COUNTS, Recorder, true_model
 from truth.rigs import draw
 
@@ -41,7 +41,7 @@ def found(records: list[Recording]) -> ModelFit:
 @pytest.fixture(scope="module")
 def written(found: ModelFit) -> dict[str, Any]:
     """As it stands in a file."""
-    there = store_fit(found.data, found.fitted)
+    there = _store_fit(found.data, found.fitted)
     assert there is not None
     read = json.loads(json.dumps(there))
     assert isinstance(read, dict)
@@ -50,7 +50,7 @@ def written(found: ModelFit) -> dict[str, Any]:
 
 def test_what_is_read_back_is_the_fit_to_the_digit(records: list[Recording], found: ModelFit, written: dict[str, Any]) -> None:
     began = time.perf_counter()
-    data, fitted = restore_fit(records, written)
+    data, fitted = _restore_fit(records, written)
     assert time.perf_counter() - began < 5.0, "one evaluation"
     assert (data.noise_nm, data.step_rad, data.substeps, data.reversals) == (
         found.data.noise_nm, found.data.step_rad, found.data.substeps, found.data.reversals,
@@ -72,22 +72,22 @@ def test_what_is_read_back_is_the_fit_to_the_digit(records: list[Recording], fou
 )
 def test_damaged_contents_are_refused(records: list[Recording], written: dict[str, Any], damage: dict[str, Any]) -> None:
     with pytest.raises((KeyError, TypeError, ValueError, BeltcommError)):
-        restore_fit(records, written | damage)
+        _restore_fit(records, written | damage)
 
 
 def test_the_keys_go_with_records_axis_and_start(found: ModelFit) -> None:
     axis, hashes = load_axis("egc-70-600"), {"a.csv": "1", "a.yaml": "2"}
-    key = key_of(hashes, axis)
-    assert key_of(dict(reversed(hashes.items())), axis) == key
-    assert len({key, key_of(hashes | {"a.csv": "3"}, axis), key_of(hashes, replace(axis, name="another"))}) == 3
-    assert len({key_of_model(start) for start in (None, found.model, found.fitted.problem.model)}) == 3
+    key = _key_of(hashes, axis)
+    assert _key_of(dict(reversed(hashes.items())), axis) == key
+    assert len({key, _key_of(hashes | {"a.csv": "3"}, axis), _key_of(hashes, replace(axis, name="another"))}) == 3
+    assert len({_key_of_model(start) for start in (None, found.model, found.fitted.problem.model)}) == 3
 
 
 def test_a_fit_far_off_keeps_where_its_search_begins(records: list[Recording], found: ModelFit) -> None:
     """Told with other values than the likelihood's, both are there again to the digit."""
     told = evaluate_at(found.data, found.fitted.problem, 1.01 * found.fitted.x)
-    there = store_fit(found.data, replace(told, likeliest=found.fitted))
-    _, again = restore_fit(records, json.loads(json.dumps(there)))
+    there = _store_fit(found.data, replace(told, likeliest=found.fitted))
+    _, again = _restore_fit(records, json.loads(json.dumps(there)))
     assert again.likeliest is not None
     assert again.objective > again.likeliest.objective
     assert (again.objective, again.likeliest.objective) == (told.objective, found.fitted.objective)

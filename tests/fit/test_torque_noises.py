@@ -14,12 +14,12 @@ from scipy.signal import lfilter
 from beltcomm.fit.estimate import fit
 from beltcomm.fit.model_fit import fit_model
 from beltcomm.fit.noise.colour import NoiseColour
-from beltcomm.fit.noise.process_torque import ProcessTorque, spectral_factor, with_unread
+from beltcomm.fit.noise.process_torque import ProcessTorque, _spectral_factor, with_unread
 from beltcomm.fit.path_fit.sensor_noise import NoiseSplit, split_noise
 from beltcomm.fit.records import prepare_records
 from beltcomm.fit.torque.path import DriveLaw, Lag, ReadingLaw, TorquePath, path_from_dict, path_to_dict
 from beltcomm.recording import Recording
-from beltcomm.rundata.kept import restore_fit, store_fit
+from beltcomm.rundata.kept import _restore_fit, _store_fit
 from beltcomm.sentences.torque_path import process_lines
 from identify.records import COUNTS, PERIOD_S, Recorder, true_model
 from truth.rigs import draw
@@ -100,7 +100,7 @@ def test_a_healthy_machine_leaves_one(pole: float, late: float) -> None:
     found = fit_model([made], true_model(draw("g_b", np.random.default_rng(5))), counts_per_rev=COUNTS, path=path)
     assert found.misfit == pytest.approx(1.0, abs=0.06)
     assert found.noise_nm == pytest.approx(8e-3, rel=0.06)
-    data, fitted = restore_fit([made], json.loads(json.dumps(store_fit(found.data, found.fitted))))
+    data, fitted = _restore_fit([made], json.loads(json.dumps(_store_fit(found.data, found.fitted))))
     assert data.path.process == found.path.process is not None
     np.testing.assert_array_equal(fitted.residual, found.fitted.residual, "kept with the run, read to the same digits")
 
@@ -135,7 +135,7 @@ def test_a_reading_at_the_end_of_the_period_misses_nothing_of_a_held_torque() ->
 
 def test_a_spectral_factor_has_its_zeros_inside() -> None:
     power = np.convolve([1.0, -2.5, 0.3], [0.3, -2.5, 1.0])
-    factor = spectral_factor(power)
+    factor = _spectral_factor(power)
     np.testing.assert_allclose(np.convolve(factor, factor[::-1]), power, atol=1e-12)
     assert np.all(np.abs(np.roots(factor)) < 1.0)
 

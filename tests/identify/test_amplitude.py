@@ -18,10 +18,10 @@ from beltcomm.identify.amplitude import (
     UNKNOWN_MASSES_KG,
     MotionLimits,
     Prediction,
+    _predict,
     family_around,
     largest_amplitude,
     not_ruled_out,
-    predict,
     unknown_masses_kg,
     unknown_payload,
 )
@@ -68,7 +68,7 @@ def test_prediction_with_the_true_model_is_the_truth(rig: str) -> None:
     """Open loop through friction for 2.7 s: the force within 2 %, the travel within 3 % of the largest."""
     plant = draw(rig, np.random.default_rng(51))
     model = true_model(plant)
-    truth, found = driven(plant, 0.3 * UNIT), predict([model], 0.3 * UNIT, PERIOD_S, AT_M)
+    truth, found = driven(plant, 0.3 * UNIT), _predict([model], 0.3 * UNIT, PERIOD_S, AT_M)
     assert found.belt_force_n == pytest.approx(truth.belt_force_n, rel=0.02)
     assert found.speed_m_s == pytest.approx(truth.speed_m_s, rel=0.02)
     assert found.travel_m == pytest.approx(truth.travel_m, rel=0.03)
@@ -84,7 +84,7 @@ def test_family_around_an_estimate_covers_the_machine(rig: str, seed: int) -> No
     mass, stiffness = 1.0 + rng.uniform(-0.1, 0.1, 2)
     estimate = off_by(true_model(plant), float(mass), float(stiffness), 1.1)
     truth = driven(plant, 0.35 * UNIT)
-    prediction = predict(family_around(estimate), 0.35 * UNIT, PERIOD_S, AT_M)
+    prediction = _predict(family_around(estimate), 0.35 * UNIT, PERIOD_S, AT_M)
     assert prediction.belt_force_n >= truth.belt_force_n
     assert prediction.speed_m_s >= truth.speed_m_s
     assert prediction.travel_m >= truth.travel_m
@@ -96,7 +96,7 @@ def test_family_of_the_unknown_covers_the_machine(rig: str) -> None:
     sheet = data_sheet_model(load_axis("egc-70-600"), AT_M, 0.12)
     for seed in range(4):
         plant = draw(rig, np.random.default_rng([53, seed]))
-        assert covers(predict(unknown_payload(sheet), 0.2 * UNIT, PERIOD_S, AT_M), driven(plant, 0.2 * UNIT))
+        assert covers(_predict(unknown_payload(sheet), 0.2 * UNIT, PERIOD_S, AT_M), driven(plant, 0.2 * UNIT))
 
 
 def test_family_holds_what_it_says() -> None:
@@ -117,7 +117,7 @@ def family() -> Sequence[Model]:
 def test_a_free_amplitude_is_the_next_step(family: Sequence[Model]) -> None:
     step = largest_amplitude(family, UNIT, PERIOD_S, AT_M, FAR, 0.4)
     assert (step.amplitude_nm, step.binds) == (0.4, "step")
-    assert step.prediction == predict(family, 0.4 * UNIT, PERIOD_S, AT_M)
+    assert step.prediction == _predict(family, 0.4 * UNIT, PERIOD_S, AT_M)
 
 
 @pytest.mark.parametrize(
@@ -136,7 +136,7 @@ def test_the_limit_that_binds_is_reached_kept_and_named(family: Sequence[Model],
     assert 0.95 < use[binds] <= 1.0
     assert max(use.values()) == use[binds]
     assert step.amplitude_nm < 0.6
-    assert step.prediction == predict(family, step.amplitude_nm * UNIT, PERIOD_S, AT_M)
+    assert step.prediction == _predict(family, step.amplitude_nm * UNIT, PERIOD_S, AT_M)
 
 
 def test_a_stop_ends_inside_the_window(family: Sequence[Model]) -> None:
@@ -190,8 +190,8 @@ def test_a_rigid_axis_whose_friction_posed_as_damping_is_no_faster_than_expected
     seen = truth.with_values({"cart.mass": 0.11, "viscous.damping": 0.047, "coulomb.level": 0.026})
     for seed in range(4):
         torque = np.random.default_rng([56, seed]).choice((-0.119, 0.119), 200).repeat(5)
-        is_expected = predict(family_around(seen), torque, PERIOD_S, 0.0)
-        assert predict([truth], torque, PERIOD_S, 0.0).motor_m_s < is_expected.watched_m_s
+        is_expected = _predict(family_around(seen), torque, PERIOD_S, 0.0)
+        assert _predict([truth], torque, PERIOD_S, 0.0).motor_m_s < is_expected.watched_m_s
 
 
 def test_no_room_is_refused_with_what_binds(family: Sequence[Model]) -> None:
@@ -222,4 +222,4 @@ def test_a_record_rules_out_carriages_too_light_for_it_and_none_that_a_louder_on
     record = Recorder(seed).record(plant, lambda n, _angle: 0.5 * UNIT[n], len(UNIT), Sidecar("frf"))
     left = not_ruled_out(family, record, truth["transmission.ratio"], AT_M)
     assert min(model["cart.mass"] for model in left) in lightest_kg
-    assert covers(predict(left, 0.75 * UNIT, PERIOD_S, AT_M), driven(again, 0.75 * UNIT))
+    assert covers(_predict(left, 0.75 * UNIT, PERIOD_S, AT_M), driven(again, 0.75 * UNIT))

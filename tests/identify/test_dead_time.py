@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from beltcomm.errors import DataError
-from beltcomm.identify.dead_time import dead_time_against, dead_time_between
+from beltcomm.identify.dead_time import _dead_time_against, dead_time_between
 from beltcomm.response import FrequencyResponse
 
 Array = NDArray[np.float64]
@@ -87,8 +87,8 @@ def test_against_a_continuous_model_the_hold_counts_as_half_a_sample() -> None:
     z = np.exp(1j * OMEGA * T_S)
     sampled = T_S**2 * (z + 1) / (2 * (z - 1) ** 2)
     continuous: ComplexArray = (-1 / OMEGA**2).astype(np.complex128)
-    assert dead_time_against(response(sampled), continuous).value_s == pytest.approx(T_S / 2, rel=1e-9)
-    assert dead_time_against(response(sampled * np.exp(-1j * OMEGA * 1e-3)), sampled).value_s == pytest.approx(1e-3, rel=1e-9)
+    assert _dead_time_against(response(sampled), continuous).value_s == pytest.approx(T_S / 2, rel=1e-9)
+    assert _dead_time_against(response(sampled * np.exp(-1j * OMEGA * 1e-3)), sampled).value_s == pytest.approx(1e-3, rel=1e-9)
 
 
 def test_a_lag_is_told_from_a_dead_time() -> None:
@@ -113,4 +113,4 @@ def test_too_few_lines_are_refused() -> None:
     with pytest.raises(DataError, match="5 are needed"):
         dead_time_between(response(h), response(h), lowest_hz=10.0, highest_hz=12.0)
     with pytest.raises(DataError, match="evaluate it at these lines"):
-        dead_time_against(response(h), h[:-1])
+        _dead_time_against(response(h), h[:-1])

@@ -14,7 +14,7 @@ from beltcomm.axis.kinds import Transmission
 from beltcomm.errors import DataError
 from beltcomm.fit.model_fit import ModelFit
 from beltcomm.identify import final as module
-from beltcomm.identify.final import FinalModel, final_model, stiffness_by_record
+from beltcomm.identify.final import FinalModel, _stiffness_by_record, final_model
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from identify.records import COUNTS, Recorder, true_model
@@ -115,7 +115,7 @@ def test_stiffness_of_each_place(varying: tuple[list[Recording], FinalModel]) ->
     """What each record alone wants, all else as in the fit with one stiffness for all: the order and size of (2.26)."""
     records, final = varying
     assert final.rejected is not None
-    found = stiffness_by_record(records, final.rejected.model, COUNTS, 6e-3)
+    found = _stiffness_by_record(records, final.rejected.model, COUNTS, 6e-3)
     assert list(found) == ["place 0", "place 1", "place 2"]
     assert found["place 0"].stiffness_n_m > found["place 1"].stiffness_n_m > found["place 2"].stiffness_n_m
     for name, place in zip(found, PLACES_M, strict=True):
@@ -127,7 +127,7 @@ def test_held_out_places_have_no_say(varying: tuple[list[Recording], FinalModel]
     records, final = varying
     away = [replace(r, name=f"{r.name} away", sidecar=replace(r.sidecar, held_out=True)) for r in records[:2]]
     model = (final.rejected or final.fit).model
-    assert set(stiffness_by_record([*away, records[2]], model, COUNTS, 6e-3)) == {"place 2"}
+    assert set(_stiffness_by_record([*away, records[2]], model, COUNTS, 6e-3)) == {"place 2"}
 
 
 def test_a_record_from_nowhere_has_no_say_in_a_law_along_the_travel(

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from beltcomm.errors import DataError, UsageError
-from beltcomm.identify.magnitude_fit import FRICTION_BIAS, Solver, fit_magnitude, product_form
+from beltcomm.identify.magnitude_fit import FRICTION_BIAS, Solver, _product_form, fit_magnitude
 from beltcomm.response import FrequencyResponse
 
 Array = NDArray[np.float64]
@@ -56,13 +56,13 @@ def two_factors(p: Mapping[str, float]) -> tuple[Array, Array]:
 def test_product_form_is_the_product_of_its_two_approximations(p: dict[str, float]) -> None:
     num, den = two_factors(p)
     s = 2j * np.pi * FREQ
-    np.testing.assert_allclose(product_form(FREQ, p, I_T), np.polyval(num, s) / np.polyval(den, s), rtol=1e-12)
+    np.testing.assert_allclose(_product_form(FREQ, p, I_T), np.polyval(num, s) / np.polyval(den, s), rtol=1e-12)
 
 
 @pytest.mark.parametrize("solver", ["lm", "trf", "nelder-mead"])
 @pytest.mark.parametrize(("p", "f_r", "f_z"), NUMBERS)
 def test_published_plants_are_found_again(p: dict[str, float], f_r: float, f_z: float, solver: Solver) -> None:
-    fit = fit_magnitude(response(product_form(FREQ, p, I_T)), I_T, p["inertia_kg_m2"], solver=solver)
+    fit = fit_magnitude(response(_product_form(FREQ, p, I_T)), I_T, p["inertia_kg_m2"], solver=solver)
     for name, value in p.items():
         assert fit.parameters[name].value == pytest.approx(value, rel=1e-5), name
     assert fit.two_mass.resonance_hz == pytest.approx(f_r, abs=0.006)
@@ -76,7 +76,7 @@ def test_published_plants_are_found_again(p: dict[str, float], f_r: float, f_z: 
 @pytest.mark.parametrize("solver", ["lm", "trf"])
 @pytest.mark.parametrize("p", [G_A, S_B])
 def test_inertia_is_found_as_well(p: dict[str, float], solver: Solver) -> None:
-    fit = fit_magnitude(response(product_form(FREQ, p, I_T)), I_T, None, solver=solver)
+    fit = fit_magnitude(response(_product_form(FREQ, p, I_T)), I_T, None, solver=solver)
     for name, value in p.items():
         assert fit.parameters[name].value == pytest.approx(value, rel=1e-5), name
     assert fit.freq_hz[-1] == pytest.approx(200.0, abs=1.0)
@@ -95,7 +95,7 @@ def test_start_values_do_not_depend_on_the_rig() -> None:
         stiffness = mass * (2 * np.pi * f_z) ** 2
         d_c = 2 * 10 ** rng.uniform(-2.3, -0.7) * np.sqrt(mass * stiffness)
         p = theta(inertia, mass, stiffness, d_c * rng.uniform(0.05, 1.0), d_c)
-        fit = fit_magnitude(response(product_form(FREQ, p, ratio)), ratio, inertia)
+        fit = fit_magnitude(response(_product_form(FREQ, p, ratio)), ratio, inertia)
         inside = all(fit.parameters[n].low < p[n] < fit.parameters[n].high for n in fit.names)
         if inside and abs(fit.parameters["mass_kg"].value / mass - 1) > 1e-4:
             missed.append(p)
@@ -105,7 +105,7 @@ def test_start_values_do_not_depend_on_the_rig() -> None:
 def test_a_parameter_at_its_bound_is_named() -> None:
     """Thesis.md, erratum 8: d_m = 0.01 N s/m of table A.5 is its lower bound."""
     rng = np.random.default_rng(12)
-    h = product_form(FREQ, G_B, I_T)
+    h = _product_form(FREQ, G_B, I_T)
     noise = 0.03 * np.abs(h)
     h = h + noise * (rng.normal(size=len(h)) + 1j * rng.normal(size=len(h))) / np.sqrt(2)
     for solver in ("lm", "trf", "nelder-mead"):
@@ -124,7 +124,7 @@ def test_a_parameter_at_its_bound_is_named() -> None:
 
 def test_intervals_cover_and_all_solvers_agree() -> None:
     rng = np.random.default_rng(13)
-    h = product_form(FREQ, S_B, I_T)
+    h = _product_form(FREQ, S_B, I_T)
     noise = 0.05 * np.abs(h)
     inside = []
     for k in range(100):
@@ -144,7 +144,7 @@ def test_intervals_cover_and_all_solvers_agree() -> None:
 
 
 def test_friction_bias_is_always_said_and_a_misfit_widens_the_intervals() -> None:
-    h = product_form(FREQ, S_B, I_T)
+    h = _product_form(FREQ, S_B, I_T)
     clean = fit_magnitude(response(h, 1e-3 * np.abs(h)), I_T, S_B["inertia_kg_m2"])
     assert FRICTION_BIAS in clean.remarks
     # A mode that the model does not have: 20 % at 60 Hz.
@@ -161,7 +161,7 @@ def test_a_record_below_the_resonance_does_not_determine_the_stiffness() -> None
     """Up to 18 Hz G_B is one rigid mass: its antiresonance lies at 76.6 Hz."""
     low = FREQ[FREQ < 18.0]
     rng = np.random.default_rng(14)
-    h = product_form(low, G_B, I_T)
+    h = _product_form(low, G_B, I_T)
     noise = 0.03 * np.abs(h)
     h = h + noise * (rng.normal(size=len(h)) + 1j * rng.normal(size=len(h))) / np.sqrt(2)
     fit = fit_magnitude(response(h, noise, low), I_T, G_B["inertia_kg_m2"])
@@ -181,7 +181,7 @@ def test_a_record_below_the_resonance_does_not_determine_the_stiffness() -> None
 @pytest.mark.examination
 def test_correlations_are_those_of_repetition() -> None:
     rng = np.random.default_rng(15)
-    h = product_form(FREQ, S_A, I_T)
+    h = _product_form(FREQ, S_A, I_T)
     noise = 0.05 * np.abs(h)
     values = []
     for _ in range(80):
@@ -194,7 +194,7 @@ def test_correlations_are_those_of_repetition() -> None:
 
 
 def test_unusable_requests_are_refused() -> None:
-    good = response(product_form(FREQ, S_B, I_T))
+    good = response(_product_form(FREQ, S_B, I_T))
     with pytest.raises(DataError, match=r"lines with noise below 50% .* 10 are needed"):
         fit_magnitude(good.lines(np.flatnonzero((FREQ >= 20.0) & (FREQ <= 25.0))), I_T, 44.9e-6)
     with pytest.raises(DataError, match="0 lines"):

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 
 from beltcomm.errors import DataError
-from beltcomm.identify.standstill import friction_as_damping, sine_amplitude
+from beltcomm.identify.standstill import _friction_as_damping, _sine_amplitude
 
 LEVEL = 0.125
 TIME = np.linspace(0.0, 2.0 * math.pi, 20001)[:-1]
@@ -19,8 +19,8 @@ TIME = np.linspace(0.0, 2.0 * math.pi, 20001)[:-1]
 def test_of_a_sine_it_is_the_fundamental_of_the_square_wave(amplitude: float) -> None:
     """b_1/Ω with b_1 = (1/π) ∫ M sign(Ω sin θ) sin θ dθ over a period."""
     fundamental = quad(lambda theta: LEVEL * math.copysign(1.0, math.sin(theta)) * math.sin(theta), 0.0, 2.0 * math.pi, points=[math.pi])[0]
-    assert friction_as_damping(LEVEL, amplitude) == pytest.approx(fundamental / math.pi / amplitude, rel=1e-9)
-    assert sine_amplitude(amplitude * np.sin(TIME)) == pytest.approx(amplitude, rel=1e-6)
+    assert _friction_as_damping(LEVEL, amplitude) == pytest.approx(fundamental / math.pi / amplitude, rel=1e-9)
+    assert _sine_amplitude(amplitude * np.sin(TIME)) == pytest.approx(amplitude, rel=1e-6)
 
 
 def test_of_any_other_motion_it_is_the_gain_nearest_in_the_mean_square() -> None:
@@ -29,9 +29,9 @@ def test_of_any_other_motion_it_is_the_gain_nearest_in_the_mean_square() -> None
     grid = np.linspace(0.0, 0.2, 20001)
     square, product = float(np.mean(triangle**2)), LEVEL * float(np.mean(np.abs(triangle)))
     best = grid[np.argmin(grid**2 * square - 2.0 * grid * product)]
-    assert friction_as_damping(LEVEL, sine_amplitude(triangle)) == pytest.approx(best, abs=2e-5)
+    assert _friction_as_damping(LEVEL, _sine_amplitude(triangle)) == pytest.approx(best, abs=2e-5)
     noise = 3.0 * np.random.default_rng(1).normal(size=200_000)
-    assert friction_as_damping(LEVEL, sine_amplitude(noise)) == pytest.approx(math.sqrt(2.0 / math.pi) * LEVEL / 3.0, rel=5e-3)
+    assert _friction_as_damping(LEVEL, _sine_amplitude(noise)) == pytest.approx(math.sqrt(2.0 / math.pi) * LEVEL / 3.0, rel=5e-3)
 
 
 def test_a_shaken_mass_shows_it_as_damping() -> None:
@@ -49,9 +49,9 @@ def test_a_shaken_mass_shows_it_as_damping() -> None:
             speeds[k] = speed
         last, turn = speeds[-count:], np.exp(-1j * phases[-count:])
         impedance = (torque * np.sin(phases[-count:]) @ turn) / (last @ turn)
-        assert impedance.real == pytest.approx(viscous + friction_as_damping(LEVEL, sine_amplitude(last - last.mean())), rel=0.05)
+        assert impedance.real == pytest.approx(viscous + _friction_as_damping(LEVEL, _sine_amplitude(last - last.mean())), rel=0.05)
 
 
 def test_where_nothing_moves_there_is_no_gain() -> None:
     with pytest.raises(DataError, match="nothing moves"):
-        sine_amplitude(np.zeros(100))
+        _sine_amplitude(np.zeros(100))

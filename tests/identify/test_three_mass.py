@@ -24,11 +24,11 @@ from beltcomm.identify.final import FinalModel
 from beltcomm.identify.three_mass import (
     MASS,
     ThreeMass,
+    _judge_third_mass,
+    _signal_up_to,
     compare_masses,
-    judge_third_mass,
     resonances_hz,
     sheet_mass_kg,
-    signal_up_to,
 )
 from beltcomm.identify.three_mass_magnitude import fit_magnitudes
 from beltcomm.model import load_model
@@ -136,7 +136,7 @@ def judged_with(found: ThreeMass, record: Recording, response: FrequencyResponse
     three = replace(found.three, model=found.three.model.with_values({MASS: mass_kg}))
     item = three.model.parameters[MASS]
     parameters = {**three.model.parameters, MASS: replace(item, interval=0.05 * mass_kg)}
-    return judge_third_mass(
+    return _judge_third_mass(
         found.two, replace(three, model=replace(three.model, parameters=parameters)), AXIS, [record], {"frf_1": response}
     )
 
@@ -160,7 +160,7 @@ def test_a_mode_that_no_record_shows_is_refused_with_the_numbers(found: ThreeMas
 
 
 def test_no_repeated_excitation_is_refused(found: ThreeMass, record: Recording) -> None:
-    (sentence,) = judge_third_mass(found.two, found.three, AXIS, [record], {}).against
+    (sentence,) = _judge_third_mass(found.two, found.three, AXIS, [record], {}).against
     assert "no record repeats its excitation" in sentence
 
 
@@ -168,20 +168,20 @@ def test_what_speaks_against_a_third_mass_is_said(found: ThreeMass, record: Reco
     responses = analyse.responses([record])
     loose = {**found.three.model.parameters, MASS: replace(found.three.model.parameters[MASS], interval=0.9)}
     unsure = replace(found.three, model=replace(found.three.model, parameters=loose))
-    assert "below 2.4 kg" in judge_third_mass(found.two, unsure, AXIS, [record], responses).against[0]
+    assert "below 2.4 kg" in _judge_third_mass(found.two, unsure, AXIS, [record], responses).against[0]
     bad = said(found.three, misfit=4.0)
-    assert "2.00 times the noise is left over" in judge_third_mass(found.two, bad, AXIS, [record], responses).against[0]
+    assert "2.00 times the noise is left over" in _judge_third_mass(found.two, bad, AXIS, [record], responses).against[0]
     worse = said(found.three, held_out_misfit=9.0)
     before = replace(found.two, fit=said(found.two.fit, held_out_misfit=4.0))
     assert (
         "does not fall: 2.00 times the noise with two masses, 3.00 with three"
-        in judge_third_mass(before, worse, AXIS, [record], responses).against[0]
+        in _judge_third_mass(before, worse, AXIS, [record], responses).against[0]
     )
 
 
 def test_where_a_response_ends() -> None:
-    assert signal_up_to(response_up_to(150.0, PERIOD_S)) == pytest.approx(150.0, abs=5.0)
-    assert signal_up_to(response_up_to(0.5, PERIOD_S)) == 0.0
+    assert _signal_up_to(response_up_to(150.0, PERIOD_S)) == pytest.approx(150.0, abs=5.0)
+    assert _signal_up_to(response_up_to(0.5, PERIOD_S)) == 0.0
 
 
 def test_the_end_pulley_of_the_data_sheet_does_not_turn_with_the_gearbox() -> None:
@@ -202,7 +202,7 @@ def run(tmp_path: Path, record: Recording, found: ThreeMass, monkeypatch: pytest
     """A run folder with the record; the fits are those made above."""
     folder = RunFolder.create(tmp_path / "run", AXIS)
     folder.add_recording(record)
-    monkeypatch.setattr("beltcomm.jobs.third_mass.compare_masses", lambda *_args, **_kwargs: found)
+    monkeypatch.setattr("beltcomm.jobs.fit.compare_masses", lambda *_args, **_kwargs: found)
     return tmp_path / "run"
 
 
@@ -222,7 +222,7 @@ def test_the_command_saves_a_revision_that_design_rests_on(run: Path, found: Thr
 
 
 def test_the_command_refuses_and_leaves_the_files(run: Path, found: ThreeMass, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("beltcomm.jobs.third_mass.compare_masses", lambda *_args, **_kwargs: replace(found, against=("too quiet",)))
+    monkeypatch.setattr("beltcomm.jobs.fit.compare_masses", lambda *_args, **_kwargs: replace(found, against=("too quiet",)))
     before = {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
     result = api.fit(run, model="three-mass")
     assert result.exit_code == 1
@@ -241,8 +241,8 @@ def test_a_belt_softer_along_the_travel_is_no_third_mass(found: ThreeMass, recor
         return FinalModel(spans, two.fit, "spans")
 
     monkeypatch.setattr(module, "final_model", lambda *_args, **_kwargs: found.two)
-    monkeypatch.setattr(module, "fit_three_mass", lambda *_args, **_kwargs: found.three)
-    monkeypatch.setattr(module, "with_spans", with_spans)
+    monkeypatch.setattr(module, "_fit_three_mass", lambda *_args, **_kwargs: found.three)
+    monkeypatch.setattr(module, "_with_spans", with_spans)
     again = compare_masses([record], AXIS, COUNTS, {})
     assert asked == [found.two]
     assert again.evidence == pytest.approx(-5.0)

@@ -112,13 +112,21 @@ class LocalQuadratic:
         return found
 
     def rough_gains(self, columns: Array, group: int, signed: bool) -> tuple[Array, Array]:
-        """Roughly how far O falls with each group of neighbouring columns, weights as they stand, no bounds; and how far it would fall if
-        the group were there, with the phase that shows least; (n, k) -> (k/group,) each.
+        """Rough fall of O with each group of neighbouring columns, weights as they stand, no bounds.
 
         Parameters
         ----------
+        columns : ndarray, (n, k)
+            Changes of the whitened residual.
+        group : int
+            Neighbouring columns of one group.
         signed : bool
             Amounts below 0 count as well.
+
+        Returns
+        -------
+        tuple[ndarray, ndarray],
+            (k/group,) each: the fall, and how far O would fall if the group were there, with the phase that shows least.
         """
         weighted = columns * self.weights[:, None]
         shared = self.weighted.transpose_times(columns)[self.used]

@@ -237,17 +237,17 @@ class Problem:
         inside = np.clip(values, [b.low for b in bounds], [b.high for b in bounds]) if len(bounds) else values
         return self.model.with_values(dict(zip(self.free, inside, strict=True)), origin)
 
-    def one(self, i: int, x: Array) -> Array:
+    def _one(self, i: int, x: Array) -> Array:
         """Whitened residual of piece i."""
         if self.pieces[i].observer is not None:
-            return self.observed_residuals(x)[i]
+            return self._observed_residuals(x)[i]
         offset = OFFSET_M * float(x[len(self.free) + i]) if self.movable else 0.0
         key = (x[: len(self.free)].tobytes(), offset)
         parts = self.balance(i, x, offset)
         self.last[i] = (key, parts)
         return in_noise(self.pieces[i], self.model, self.full(x), parts.residual)
 
-    def observed_residuals(self, x: Array) -> list[Array]:
+    def _observed_residuals(self, x: Array) -> list[Array]:
         """Whitened residuals of all pieces, which have observers."""
         key = x[: len(self.free)].tobytes()
         if not self.seen[1] or self.seen[0] != key:
@@ -255,28 +255,43 @@ class Problem:
         return self.seen[1]
 
     def balance(self, i: int, x: Array, offset_m: float) -> Parts:
-        """The torque balance of piece i; the same object as the last :meth:`one` made, where it was asked for the same."""
+        """The torque balance of piece i.
+
+        Parameters
+        ----------
+        i : int
+            Number of the piece.
+        x : ndarray
+            Unknowns, scaled, as of :meth:`start`.
+        offset_m : float
+            By which the carriage is moved against its record.
+
+        Returns
+        -------
+        Parts
+            The same object as the last :meth:`_one` made, where it was asked for the same.
+        """
         key, parts = self.last.get(i, (None, None))
         if parts is not None and key == (x[: len(self.free)].tobytes(), offset_m):
             return parts
         piece, vector = self.pieces[i], self.full(x)
         motion = true_motion(self.model, piece.motion, vector)
-        observed = piece.observer is not None  # then the belt's part is only known sample by sample, see ``one``
+        observed = piece.observer is not None  # then the belt's part is only known sample by sample, see ``_one``
         return Parts(
-            self.inertia_of(motion, vector),
-            self.motor_of(piece, motion, vector),
+            self._inertia_of(motion, vector),
+            self._motor_of(piece, motion, vector),
             np.zeros(motion.samples) if observed else belt_load(self.model, motion, vector, offset_m),
             acting_torque(self.model, motion, piece.torque, vector),
             motion,
             reading_lags(self.model, vector),
         )
 
-    def motor_of(self, piece: Segment, motion: FineMotion, vector: Array) -> Array:
+    def _motor_of(self, piece: Segment, motion: FineMotion, vector: Array) -> Array:
         """Torque that the effects of the motor alone take, N m, (n,)."""
         load = motor_load(self.model, motion, vector)
         return load if piece.turns is None else load + vector[self.model.index(LEVEL)] * piece.turns
 
-    def inertia_of(self, motion: FineMotion, vector: Array) -> Array:
+    def _inertia_of(self, motion: FineMotion, vector: Array) -> Array:
         """Torque that the motor's inertia takes, N m, (n,)."""
         inertia = np.zeros(motion.samples)
         inertia[1:-1] = (
@@ -286,13 +301,13 @@ class Problem:
         )
         return inertia
 
-    def neighbour(self, i: int, x: Array, offset_m: float, old: Parts, touch: Touch) -> Parts:
+    def _neighbour(self, i: int, x: Array, offset_m: float, old: Parts, touch: Touch) -> Parts:
         """The torque balance of piece i at neighbouring unknowns; parts that are not touched are taken from ``old``."""
         vector, motion = self.full(x), old.motion
         if touch == "inertia":
-            return replace(old, inertia=self.inertia_of(motion, vector))
+            return replace(old, inertia=self._inertia_of(motion, vector))
         if touch == "motor":
-            return replace(old, motor=self.motor_of(self.pieces[i], motion, vector))
+            return replace(old, motor=self._motor_of(self.pieces[i], motion, vector))
         if touch == "path":
             acting = acting_torque(self.model, motion, self.pieces[i].torque, vector)
             return replace(old, acting=acting, lags=reading_lags(self.model, vector))
@@ -311,7 +326,7 @@ class Problem:
         ndarray, (n,)
             Segment after segment.
         """
-        return np.concatenate([self.one(i, x) for i in range(len(self.pieces))])
+        return np.concatenate([self._one(i, x) for i in range(len(self.pieces))])
 
     def jacobian(self, x: Array, only: Sequence[int] | None = None) -> ArrowheadJacobian:
         """Jacobian of the whitened residual by one-sided differences.
@@ -336,7 +351,7 @@ class Problem:
         vector = self.full(x)
         observed = [j for j in shared if self.touches[j] in ("belt", "all")] if self.pieces[0].observer is not None else []
         if observed:
-            columns[:, observed] = self.observed_slopes(x, observed)
+            columns[:, observed] = self._observed_slopes(x, observed)
         for i, piece in enumerate(self.pieces):
             old = self.balance(i, x, float(offsets[i]))
             here = old.residual
@@ -351,7 +366,7 @@ class Problem:
                 if touch == "belt":
                     belts[j] = (self.full(ahead), offset)
                 else:
-                    neighbours[j] = self.neighbour(i, ahead, offset, old, touch).residual
+                    neighbours[j] = self._neighbour(i, ahead, offset, old, touch).residual
             if belts:
                 vectors, places = zip(*belts.values(), strict=True)
                 loads = belt_loads(self.model, old.motion, vectors, places)
@@ -369,7 +384,7 @@ class Problem:
                 columns[self.ends[i] : self.ends[i + 1], [min(j, own) for j in changes]] = white
         return ArrowheadJacobian(columns, self.ends if self.movable else self.ends[:1])
 
-    def observed_slopes(self, x: Array, numbers: Sequence[int]) -> Array:
+    def _observed_slopes(self, x: Array, numbers: Sequence[int]) -> Array:
         """Columns of unknowns behind the observers of the pieces, (n, numbers)."""
         steps = []
         for j in numbers:
@@ -379,7 +394,20 @@ class Problem:
         return np.concatenate([piece.group_sums(white[piece.keep]) for piece, white in zip(self.pieces, found, strict=True)])
 
     def perturb(self, x: Array, j: int) -> tuple[float, Array]:
-        """A small step of one unknown, to the side where there is room, and the unknowns there."""
+        """A small step of one unknown, to the side where there is room.
+
+        Parameters
+        ----------
+        x : ndarray
+            Unknowns, scaled.
+        j : int
+            Number of the unknown.
+
+        Returns
+        -------
+        tuple[float, ndarray]
+            The step, negative below a bound, and the unknowns with it.
+        """
         step = 1e-3 * max(abs(x[j]), 0.1)
         if x[j] + step > self.high[j]:
             step = -step
@@ -442,7 +470,18 @@ class Problem:
         return np.asarray((1.0 / np.sqrt(np.maximum(1.0, self.block_means(residual))))[self.blocks])
 
     def rounding_derivatives(self, x: Array) -> tuple[Array, Array]:
-        """Slope, (blocks, p), and curvature, (blocks, p, p), of what rounding adds to the squares of each block; p : shared unknowns."""
+        """Derivatives of what rounding adds to the squares of each block.
+
+        Parameters
+        ----------
+        x : ndarray
+            Unknowns, scaled.
+
+        Returns
+        -------
+        tuple[ndarray, ndarray]
+            Slope, (blocks, p), and curvature, (blocks, p, p); p: shared unknowns.
+        """
         own = len(self.free)
         moved = [j for j in range(own) if self.touches_noise[j]]
         steps, others = [], []
@@ -463,6 +502,10 @@ class Problem:
 
         Parameters
         ----------
+        x : ndarray
+            Unknowns, scaled, to begin at.
+        iterations : int
+            At most.
         enough : float
             A step that gains less than this ends the search, nats.
         goal : float

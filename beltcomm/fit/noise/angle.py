@@ -28,7 +28,6 @@ def apparent_step(recordings: Sequence[Recording], step_rad: float, noise_nm: fl
     Parameters
     ----------
     recordings : sequence of Recording
-        Of a run.
     step_rad : float, rad
         Step of the encoder.
     noise_nm : float
@@ -37,7 +36,7 @@ def apparent_step(recordings: Sequence[Recording], step_rad: float, noise_nm: fl
     windows = [window for recording in recordings for window in _rough_windows(recording, np.diff(recording.position, 4) ** 2 / 70.0)]
     calm = [window for window in windows if window[0] < CALM * noise_nm]
     if not calm:  # a command that follows the angle's own noise never is
-        calm = [window for recording in recordings for window in _rough_windows(recording, unexplained_roughness(recording))]
+        calm = [window for recording in recordings for window in _rough_windows(recording, _unexplained_roughness(recording))]
     if not calm:
         return step_rad
     calm.sort()
@@ -53,16 +52,11 @@ def _rough_windows(recording: Recording, variance: Array) -> list[tuple[float, f
     return [(float(np.mean(change[i : i + CALM_WINDOW + 4])), float(np.mean(variance[i : i + CALM_WINDOW]))) for i in firsts]
 
 
-def unexplained_roughness(recording: Recording) -> Array:
+def _unexplained_roughness(recording: Recording) -> Array:
     """Variance of the angle's own noise, rad², sample by sample and scattering about it, by what no recorded torque moves.
 
     What the torque leaves of fourth differences holds 70 times that of the noise and g² times that of a white torque that acts unasked;
     its own fourth differences 12870 times and 66 g² times: as a mean over the period that has next to nothing at half the rate.
-
-    Parameters
-    ----------
-    recording : Recording
-        With one sample period.
 
     Returns
     -------

@@ -191,7 +191,7 @@ def robust_rms(rest: Array, step_nm: float = 0.0) -> float:
     return float(np.sqrt(np.mean(rest[inside] ** 2))) if inside.any() and size > 0.0 else float(np.std(rest))
 
 
-def noise_untold(recordings: Sequence[Recording]) -> str:
+def _noise_untold(recordings: Sequence[Recording]) -> str:
     """Reason in words why records over time do not tell the torque's noise, with what to do; "" where they do.
 
     Parameters
@@ -249,7 +249,7 @@ def noise_doubt(ratio: float, recordings: Sequence[Recording]) -> str:
     str
         A sentence, or "".
     """
-    return noise_untold(recordings) or error_floor_words(ratio)
+    return _noise_untold(recordings) or error_floor_words(ratio)
 
 
 def _level(recordings: Sequence[Recording]) -> Level:

@@ -131,11 +131,11 @@ def with_unread(answer: Array, poles: Sequence[complex], sensor_pole: float, pro
     )
     size = max(map(len, rows))
     both = sum(np.convolve(row, row[::-1]) for row in (np.pad(row, (0, size - len(row))) for row in rows))
-    above = np.convolve(TRIANGULAR, spectral_factor(np.asarray(both)))
+    above = np.convolve(TRIANGULAR, _spectral_factor(np.asarray(both)))
     return NoiseColour(sensor_pole, tuple(map(float, above)), tuple(map(float, np.convolve(np.convolve(below, process), own))))
 
 
-def spectral_factor(power: Array) -> Array:
+def _spectral_factor(power: Array) -> Array:
     """b with  b(z) b(1/z) = power,  its zeros inside the unit circle.
 
     Parameters

@@ -126,7 +126,6 @@ def noise_schedule(model: Model, places_m: Array, sample_s: float, left: Array |
     Parameters
     ----------
     model : Model
-        Of the axis.
     places_m : ndarray (n,), m
         Carriage on the axis.
     sample_s : float, s
@@ -150,7 +149,7 @@ def noise_schedule(model: Model, places_m: Array, sample_s: float, left: Array |
 
 
 def stiffness_levels(model: Model, low_m: float, high_m: float) -> tuple[Array, Array]:
-    """Logarithm of :func:`stiffness_to_ground` along the travel.
+    """Logarithm of :func:`_stiffness_to_ground` along the travel.
 
     Parameters
     ----------
@@ -165,14 +164,14 @@ def stiffness_levels(model: Model, low_m: float, high_m: float) -> tuple[Array, 
         Places, m, and ln there; one place and 0 where it hardly changes, or is not known everywhere.
     """
     ends, places, at = (np.linspace(low_m, high_m, number) for number in (3, PLACES, FINE_PLACES))
-    rough = stiffnesses(model, ends) if "cart" in model.base_bodies else None
-    if rough is None or np.ptp(rough) < LEVEL or (known := stiffnesses(model, places)) is None:
+    rough = _stiffnesses(model, ends) if "cart" in model.base_bodies else None
+    if rough is None or np.ptp(rough) < LEVEL or (known := _stiffnesses(model, places)) is None:
         return ends[1:2], np.zeros(1)
     return at, PchipInterpolator(places, known)(at)
 
 
-def stiffnesses(model: Model, places_m: Array) -> Array | None:
-    """Logarithm of :func:`stiffness_to_ground` at places.
+def _stiffnesses(model: Model, places_m: Array) -> Array | None:
+    """Logarithm of :func:`_stiffness_to_ground` at places.
 
     Parameters
     ----------
@@ -187,13 +186,13 @@ def stiffnesses(model: Model, places_m: Array) -> Array | None:
         ln of N/m; None where a law, as a search has it, holds nothing at one.
     """
     try:
-        found = np.array([stiffness_to_ground(model, float(x)) for x in places_m])
+        found = np.array([_stiffness_to_ground(model, float(x)) for x in places_m])
     except ZeroDivisionError:
         return None
     return np.asarray(np.log(found)) if np.all(np.isfinite(found)) and found.min() > 0.0 else None
 
 
-def stiffness_to_ground(model: Model, position_m: float) -> float:
+def _stiffness_to_ground(model: Model, position_m: float) -> float:
     """Stiffness of all that holds the carriage at a place while the other bodies stand.
 
     Parameters
@@ -202,11 +201,6 @@ def stiffness_to_ground(model: Model, position_m: float) -> float:
         With a belt.
     position_m : float, m
         Carriage.
-
-    Returns
-    -------
-    float, N/m
-        Of all elements at the carriage.
     """
     total, cart = 0.0, carriage_of([body.name for _, body in model.bodies()])
     for effect in model.effect_list():
@@ -225,7 +219,6 @@ def noise_path(model: Model, position_m: float, sample_s: float, closed: float =
     Parameters
     ----------
     model : Model
-        Of the axis.
     position_m : float, m
         Carriage on the axis.
     sample_s : float, s
@@ -280,7 +273,7 @@ def _path(
     a[n + 4, : n // 2], a[n + 4, n // 2 : n] = stiffness[motor, behind], damping[motor, behind]
     a[n + 4, n], a[n + 4, n + 1] = stiffness[motor, motor], damping[motor, motor]
     a[n + 5, n + 4] = 1.0
-    moved = exponential(a * sample_s)
+    moved = _exponential(a * sample_s)
     # from (x, angle and rates) to (x, c before, here, after, one further), of which the last one comes from those two before it and ε
     spline = moved[:, n : n + 4] @ (SPLINE / sample_s ** np.arange(4)[:, None])
     spline[:, 1:3] += spline[:, 3:] * FURTHER
@@ -305,7 +298,7 @@ def _path(
         # Free in a gap, a force that goes with the place may push it away from where it is.
         begins[n // 2 + i - 1, n // 2 + i - 1, MOTION] = swings[i] ** 2 * max(stiffness[i, i], 0.0) / mass[i, i]
     path = NoisePath(f, gain, h, np.array([after[n + 3] + NEW * g, -0.5]), begins, sample_s)
-    return with_dead_time(read_late(path, reading_s), dead_s, lag_s)
+    return _with_dead_time(_read_late(path, reading_s), dead_s, lag_s)
 
 
 def with_state_in_front(begins: Array) -> Array:
@@ -319,7 +312,7 @@ def with_state_in_front(begins: Array) -> Array:
     return np.pad(begins, ((1, 0), (1, 0), (0, 0)))
 
 
-def read_late(path: NoisePath, time_s: float) -> NoisePath:
+def _read_late(path: NoisePath, time_s: float) -> NoisePath:
     """The path where the torque is read behind a lag: rounding reaches the residual smoothed, noise of the torque as before.
 
     y[n] = a y[n-1] + b e[n-1] + c e[n]  with  e = h s + d q,  one more state z[n] = a y[n-1] + b e[n-1]:
@@ -358,7 +351,7 @@ def read_late(path: NoisePath, time_s: float) -> NoisePath:
     return NoisePath(f, gain, h, np.array([c * path.D[0], path.D[1]]), begins, path.sample_s)
 
 
-def with_dead_time(path: NoisePath, dead_s: float, lag_s: float) -> NoisePath:
+def _with_dead_time(path: NoisePath, dead_s: float, lag_s: float) -> NoisePath:
     """The path where the reported torque acts ``dead_s`` later, behind a lag ``lag_s``: its noise is smoothed, rounding as before.
 
     The noise w[n] of a period acts from its share f = dead_s/T - floor(dead_s/T) on; whole periods make no other noise.  With y what acts,
@@ -388,7 +381,7 @@ def with_dead_time(path: NoisePath, dead_s: float, lag_s: float) -> NoisePath:
             a[3, source] = 1.0
         else:
             a[0, 0], a[0, source], a[3, 0] = -path.sample_s / lag_s, path.sample_s / lag_s, 1.0
-        moved = exponential(a * share) @ moved
+        moved = _exponential(a * share) @ moved
     falling = moved[4]
     rising = moved[3] - falling
     size, own = len(path.H), len(path.H) - 1
@@ -403,7 +396,7 @@ def with_dead_time(path: NoisePath, dead_s: float, lag_s: float) -> NoisePath:
     return NoisePath(f, gain, h, np.array([path.D[0], -falling[2]]), begins, path.sample_s)
 
 
-def exponential(a: Array) -> Array:
+def _exponential(a: Array) -> Array:
     """Exponential e^a of a small matrix: scaling, Taylor's series, squaring.
 
     Not scipy's ``expm``: its linear algebra runs in threads, which on a busy machine wait for each other, 20 ms instead of 0.04 ms.

@@ -169,18 +169,18 @@ def noises(
     fast, slow, torque = shares[0] * step_rad**2 / 12.0, shares[1] * step_rad**2 / 12.0, noise_nm**2
     variances = np.array([fast, torque])
     if slow > 0.0 or alike:
-        path, variances = with_slow_rounding(path), np.array([fast, slow, torque])
+        path, variances = _with_slow_rounding(path), np.array([fast, slow, torque])
     start = path.begins @ np.array([1.0, fast, slow, 0.0 if colour.numerator else torque])
     if slow > 0.0 or alike:
         start[0] = start[:, 0] = slow * np.diag(path.begins[:, :, SLOW])
         start[0, 0] = slow
     if colour.numerator:
-        path, own = with_filtered_torque(path, colour)
+        path, own = _with_filtered_torque(path, colour)
         size = len(own)
         start = np.pad(start, ((size, 0), (size, 0)))
         start[:size, :size] = torque * own
     elif colour.pole != 0.0:
-        path, size = with_coloured_torque(path, colour.pole), len(path.H)
+        path, size = _with_coloured_torque(path, colour.pole), len(path.H)
         coloured = np.zeros((size + 1, size + 1))
         coloured[1:, 1:] = start
         coloured[0, 0] = coloured[0, size] = coloured[size, 0] = torque
@@ -188,7 +188,7 @@ def noises(
     return path, variances, start
 
 
-def with_coloured_torque(path: NoisePath, colour: float) -> NoisePath:
+def _with_coloured_torque(path: NoisePath, colour: float) -> NoisePath:
     """Noise path for a torque noise of first order.
 
     w[n] = ρ w[n-1] + √(1-ρ²) ν[n]:  one more state w[n-1] in front, noises (…, ν).
@@ -199,11 +199,6 @@ def with_coloured_torque(path: NoisePath, colour: float) -> NoisePath:
         For a white one.
     colour : float
         ρ.
-
-    Returns
-    -------
-    NoisePath
-        Its noise has the variance of the white one.
     """
     new, size, last = math.sqrt(1.0 - colour**2), len(path.H), path.G.shape[1] - 1
     f, g = np.zeros((size + 1, size + 1)), np.zeros((size + 1, path.G.shape[1]))
@@ -215,15 +210,8 @@ def with_coloured_torque(path: NoisePath, colour: float) -> NoisePath:
     return NoisePath(f, g, h, d, with_state_in_front(path.begins), path.sample_s)
 
 
-def with_filtered_torque(path: NoisePath, colour: NoiseColour) -> tuple[NoisePath, Array]:
+def _with_filtered_torque(path: NoisePath, colour: NoiseColour) -> tuple[NoisePath, Array]:
     """Noise path for a torque noise behind a law b(z)/a(z): its states in front, noises (…, ν).
-
-    Parameters
-    ----------
-    path : NoisePath
-        For a white one.
-    colour : NoiseColour
-        The law.
 
     Returns
     -------
@@ -241,7 +229,7 @@ def with_filtered_torque(path: NoisePath, colour: NoiseColour) -> tuple[NoisePat
     return NoisePath(f, g, h, d, begins, path.sample_s), covariance
 
 
-def with_slow_rounding(path: NoisePath) -> NoisePath:
+def _with_slow_rounding(path: NoisePath) -> NoisePath:
     """The path for  q = q1 + q2,  q2[n+1] = ρ q2[n] + √(1-ρ²) ν[n+1]:  one more state q2 in front, noises (q1, ν, w)."""
     keeps = math.exp(-math.tau * SLOW_HZ * path.sample_s)
     new = math.sqrt(1.0 - keeps**2)

@@ -7,9 +7,8 @@ motion best is taken.  A faithful reading that leaves nothing but noise needs no
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from types import MappingProxyType
@@ -17,13 +16,24 @@ from types import MappingProxyType
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from beltcomm.fit.estimate import Fitted, fit
+from beltcomm.arrays import Array
+from beltcomm.fit.estimate import Fitted, fit, fit_of, problem_of
 from beltcomm.fit.noise.level import is_held, repeats_itself
 from beltcomm.fit.path_fit.late_motion import effect_between
+from beltcomm.fit.path_fit.trial_paths import (
+    LATE_SHARES,
+    LOOP_SHARES,
+    SWITCHING,
+    families_without_setpoint,
+    kind_of,
+    lookalikes,
+    times_tried,
+    ways_of,
+)
 from beltcomm.fit.path_fit.values import columns_of, refine_path
-from beltcomm.fit.records import Data, prepare_records, rounding_torque
+from beltcomm.fit.records import Data, grouped_like, prepare_records, rounding_torque
 from beltcomm.fit.torque.path import DriveLaw, Lag, ReadingLaw, TorquePath
-from beltcomm.fit.torque.reading_fit import CLEAR, COMMAND, WHOLE, ReadingFit
+from beltcomm.fit.torque.reading_fit import COMMAND, WHOLE, ReadingFit, clear_gain, unlikely_readings
 from beltcomm.model import Model
 from beltcomm.model.value import NORMAL_95
 from beltcomm.recording import Recording
@@ -38,24 +48,16 @@ FAR_OFF = 2.0
 BOUNDED, HARDLY = 2.6, 0.01
 #: s of records that the splits are held against, and iterations of each fit.
 ENOUGH_S, ITERATIONS = 8.0, 15
-#: Splits, the best by values of the reading alone, whose values the motion is asked for before one is taken.
+#: O per sample above the best that no values of a path make good.
+BEHIND = 0.2
+#: Kinds of split, the best by values of the reading alone, whose values the motion is asked for before one is taken.
 REFINED = 3
-#: Time constants of a reading without setpoint and of a drive whose reading is its command, s, that are tried.
-TIMES_S = (2e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3)
-#: Time constants of a current loop without setpoint that are tried, in sampling periods.
-LOOP_SHARES = (0.03, 0.1, 0.25, 0.5, 1.0)
-#: Lateness of a reading without setpoint that is tried, in sampling periods; between the last two neighbours cancel.
-LATE_SHARES = (0.08, 0.2, 0.35, 0.65, 0.8, 1.0)
-#: Shares of the period at which the command may change where no setpoint was recorded; things not ideal that a path may have then.
-SWITCHING, MOST_WITHOUT_SETPOINT = (0.1, 0.3, 0.5, 0.7, 0.9), 3
+#: Things not ideal that a path may have where no setpoint was recorded.
+MOST_WITHOUT_SETPOINT = 3
 #: Share that is new in each sample of a reading whose filter hardly shows.
 NEARLY_NEW = 0.9
-#: Damping ratios of a current loop that are tried.
-DAMPING_RATIOS = (0.35, 0.5, 0.7, 1.0)
 #: Rounding of a torque of acceleration over the torque from which on the motion does not tell a path.
 ILLEGIBLE = 10.0
-#: Damping ratio from which on a filter of second order may be two of first.
-DAMPED = 0.9
 #: Step of ln(time constant) for the curvature of O.
 APART = 0.03
 #: Samples that must count for a path to be told.
@@ -140,25 +142,37 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
         return PathChoice(faithful, chain)
     lively = _liveliest(to_fit)
     other = next((rival for rival in sorted(chain.rivals, key=lambda rival: rival.cost) if rival.at_end != chain.at_end), None)
-    ways = [path for one in (chain, other) if one is not None for path in ways_of(one.law, one.at_end)]
+    sample_s = lively[0].sample_period_s
+    ways = [path for one in (chain, other) if one is not None for path in ways_of(one.law, one.at_end, sample_s)]
     if not any(path.reading.faithful for path in ways):
         ways.append(faithful)
-    trials = sorted(((path, _fit_by(data, lively, start, path)) for path in ways), key=lambda trial: _level(trial[1]))
-    trials = [*(_refine(data, lively, *trial) for trial in trials[:REFINED]), *trials[REFINED:]]
+    trials = _fit_ways(data, lively, start, ways)
+    trials = _refine_kinds(data, lively, trials)
     less_likely = {other.at_end: other.cost - chain.cost} if other is not None else {}
     choice = _best_shape(data, lively, _best(trials, chain, less_likely=less_likely))
     if choice.fitted is None or choice.fitted.ratio <= FAR_OFF:
         return choice
     others = [path for path in ways if path != choice.path]
-    clear = math.log(max(choice.fitted.problem.samples, 2)) + CLEAR
+    clear = clear_gain(choice.fitted.problem.samples)
     return replace(choice, between=effect_between(partial(_fit_by, data, lively), start, choice.path, choice.fitted, others, clear))
 
 
 def _refine(data: Data, recordings: Sequence[Recording], path: TorquePath, fitted: Fitted) -> tuple[TorquePath, Fitted]:
     """A path with its values as motion and reading together have them, and the fit by it."""
-    trial = prepare_records(recordings, fitted.model, data.noise_nm, data.step_rad, {}, path=path, colour=data.colour)
-    ahead, found = refine_path(trial, fitted)
+    ahead, found = refine_path(_by_path(data, recordings, fitted.model, path), fitted)
     return ahead.path, found
+
+
+def _refine_kinds(
+    data: Data, recordings: Sequence[Recording], trials: Sequence[tuple[TorquePath, Fitted]]
+) -> list[tuple[TorquePath, Fitted]]:
+    """Trials, the best first, with the best of each kind refined: those of one kind share the same values."""
+    kinds, found = set[tuple[object, ...]](), list[tuple[TorquePath, Fitted]]()
+    for path, fitted in trials:
+        kind = kind_of(path, recordings[0].sample_period_s)
+        found.append((path, fitted) if kind in kinds or len(kinds) >= REFINED else _refine(data, recordings, path, fitted))
+        kinds.add(kind)
+    return found
 
 
 def _illegible(data: Data, start: Model) -> bool:
@@ -167,97 +181,32 @@ def _illegible(data: Data, start: Model) -> bool:
     return all(nm > ILLEGIBLE * float(np.std(piece.torque)) for nm, piece in zip(feigned, data.fitted, strict=True))
 
 
-def _split_second_order(law: DriveLaw) -> list[DriveLaw]:
-    """The law, and the same with two filters of first order in place of a damped one of second: one of them may be the reading's."""
-    found = [law]
-    for place, lag in enumerate(law.lags):
-        if lag.kind == "second order" and lag.values[1] > DAMPED:
-            root = math.sqrt(max(lag.values[1] ** 2 - 1.0, 0.0))
-            two = tuple(Lag("first order", ((lag.values[1] + way * root) / (math.tau * lag.values[0]),)) for way in (1.0, -1.0))
-            found.append(replace(law, lags=(*law.lags[:place], *two, *law.lags[place + 1 :])))
-    return found
-
-
-def ways_of(law: DriveLaw, at_end: bool = False) -> list[TorquePath]:
-    """All :func:`splits` of a chain, and of that with two filters of first order in place of a damped one of second.
-
-    Parameters
-    ----------
-    law : DriveLaw
-        From setpoint to reading.
-    at_end : bool
-        As of :func:`splits`.
-    """
-    return [path for one in _split_second_order(law) for path in splits(one, at_end)]
-
-
-def splits(law: DriveLaw, at_end: bool = False) -> Iterator[TorquePath]:
-    """Every way to divide a chain between drive and reading; first the one that leaves the reading faithful, if it can be.
-
-    Parameters
-    ----------
-    at_end : bool
-        Whether the reading is the torque at the end of the period.
-    """
-    whole = math.floor(law.delay + WHOLE)
-    part = max(law.delay - whole, 0.0)
-    delays = [(law.delay, 0.0)]
-    if part > WHOLE:
-        delays.append((float(whole), part))
-    if whole >= 1:
-        delays.append((max(law.delay - 1.0, 0.0), 1.0))
-    for before, late in delays:
-        # A limit of the slew rate is the drive's, and so is what it is given.
-        limited = max((place for place, lag in enumerate(law.lags) if lag.kind == "slew rate"), default=-1)
-        for chosen in itertools.product(*(((True,) if place <= limited else (True, False)) for place in range(len(law.lags)))):
-            drive = tuple(lag for lag, own in zip(law.lags, chosen, strict=True) if own)
-            reading = tuple(lag for lag, own in zip(law.lags, chosen, strict=True) if not own)
-            yield TorquePath(DriveLaw(before, drive, law.gain), ReadingLaw(late, reading, at_end))
-
-
 def _best_shape(data: Data, recordings: Sequence[Recording], choice: PathChoice) -> PathChoice:
     """The choice with the law of its drive as the motion asks for it, among those that the reading cannot tell apart."""
     drive = choice.path.drive
-    if drive is None or choice.fitted is None or choice.reading is None:
+    if drive is None or choice.fitted is None:
         return choice
-    sample_s = recordings[0].sample_period_s
-    same = [rival.law for rival in choice.reading.rivals if rival.at_end == choice.path.reading.at_end]
-    laws = [law for law in lookalikes(drive, same, sample_s) if law != drive]
-    best, path = choice.fitted, choice.path
-    for law in laws:
-        trial = replace(choice.path, drive=law)
-        found = fit(
-            prepare_records(recordings, best.model, data.noise_nm, data.step_rad, {}, path=trial, colour=data.colour),
-            best.model,
-            ITERATIONS,
-        )
-        more = _values(law) - _values(path.drive or law)
-        price = max(more, 0) * (math.log(max(best.problem.samples, 2)) + CLEAR)
-        if _level(found) < _level(best) - price / max(best.problem.samples, 1):
-            best, path = found, trial
-    return replace(choice, path=path, fitted=best)
+    behind, commanded = choice.path.reading, choice.path.commanded
+    plain = behind == ReadingLaw(at_end=behind.at_end) and not commanded  # else what explains the reading is not all the drive's
+    rivals = [rival.law for rival in choice.reading.rivals if rival.at_end == behind.at_end] if choice.reading and plain else []
+    laws = [law for law in rivals if len(law.lags) <= max(len(drive.lags), 1)] + lookalikes(drive, recordings[0].sample_period_s)
+    trials = [replace(choice.path, drive=law) for law in laws if law != drive]
+    if not trials:
+        return choice
+    fits = [(path, fit(_by_path(data, recordings, choice.fitted.model, path), choice.fitted.model, ITERATIONS)) for path in trials]
+    path, best = _refine(data, recordings, *min(fits, key=lambda trial: _level(trial[1])))
+    samples, more = best.problem.samples, _values(path.drive or drive) - _values(drive)
+    price = max(more, 0) * clear_gain(samples)
+    if not commanded:  # the readings have a say, too
+        before, after = unlikely_readings([choice.path, path], recordings)
+        price += after - before
+    gain = samples * (_level(choice.fitted) - _level(best)) / max(choice.fitted.ratio, 1.0) ** 2
+    return replace(choice, path=path, fitted=best) if gain > price else choice
 
 
 def _values(law: DriveLaw) -> int:
     """Number of parameters of a law."""
     return sum(len(lag.values) for lag in law.lags) + (abs(law.delay - round(law.delay)) > WHOLE)
-
-
-def lookalikes(law: DriveLaw, rivals: Sequence[DriveLaw], sample_s: float) -> list[DriveLaw]:
-    """Laws of the drive that the reading hardly tells from this one.
-
-    The part of the delay that is no whole sample may be a step inside the period, a filter of first order, or one of second order with
-    more or less damping; and what else explains the reading nearly as well.
-    """
-    found = [rival for rival in rivals if len(rival.lags) <= max(len(law.lags), 1)]
-    if len(law.lags) <= 1 and not any(lag.kind in ("sampled", "slew rate") for lag in law.lags):
-        whole = math.floor(law.delay + WHOLE)
-        late_s = law.delay_s(sample_s) - whole * sample_s
-        if late_s > WHOLE * sample_s:
-            found.append(DriveLaw(float(whole), (Lag("first order", (late_s,)),), law.gain))
-            second = [Lag("second order", (ratio / (math.pi * late_s), ratio)) for ratio in DAMPING_RATIOS]
-            found += [DriveLaw(float(whole), (lag,), law.gain) for lag in second]
-    return found
 
 
 def _liveliest(recordings: Sequence[Recording]) -> list[Recording]:
@@ -271,19 +220,47 @@ def _liveliest(recordings: Sequence[Recording]) -> list[Recording]:
     return chosen
 
 
-def _fit_by(data: Data, recordings: Sequence[Recording], start: Model, path: TorquePath) -> Fitted:
-    """The base model fitted to some records by one path, and once more with the motion rebuilt."""
-    trial = prepare_records(recordings, start, data.noise_nm, data.step_rad, {}, path=path, colour=data.colour)
-    found = fit(trial, start, ITERATIONS)
-    again = prepare_records(recordings, found.model, data.noise_nm, data.step_rad, {}, path=path, colour=data.colour)
-    better = fit(again, found.model, ITERATIONS, offsets=found.offsets)
+def _fit_by(data: Data, recordings: Sequence[Recording], start: Model, path: TorquePath, worth: float = math.inf) -> Fitted:
+    """The base model fitted to some records by one path, and once more with the motion rebuilt.
+
+    worth : O per sample, above which the path does not matter; its search ends where it does not get there.
+    """
+
+    def fitted(model: Model, offsets: Array | None = None) -> Fitted:
+        ahead = _by_path(data, recordings, model, path)
+        problem = problem_of(ahead, model)
+        return fit_of(problem, ahead, ITERATIONS, offsets=offsets, goal=worth * max(problem.samples, 1))
+
+    found = fitted(start)
+    if _level(found) > worth:
+        return found
+    better = fitted(found.model, found.offsets)
     return better if better.objective / max(better.problem.samples, 1) < found.objective / max(found.problem.samples, 1) else found
+
+
+def _fit_ways(data: Data, recordings: Sequence[Recording], start: Model, ways: Sequence[TorquePath]) -> list[tuple[TorquePath, Fitted]]:
+    """Fits by some paths, the best first; one far behind the best before it is not fitted to its end."""
+    trials, least = list[tuple[TorquePath, Fitted]](), math.inf
+    for path in ways:
+        trials.append((path, _fit_by(data, recordings, start, path, least + BEHIND)))
+        least = min(least, _level(trials[-1][1]))
+    return sorted(trials, key=lambda trial: _level(trial[1]))
+
+
+def _by_path(data: Data, recordings: Sequence[Recording], model: Model, path: TorquePath) -> Data:
+    """Some of the records by a path, in groups that are the same for all paths: O of others is of other frequencies."""
+    return grouped_like(prepare_records(recordings, model, data.noise_nm, data.step_rad, {}, path=path, colour=data.colour), data)
 
 
 def _level(fitted: Fitted, first: Fitted | None = None) -> float:
     """O per sample; inf where nothing counts, or much less than by another path: by a wrong one the motor may rest nearly all the time."""
-    fewest = LEAST_LEFT * first.problem.samples if first is not None else FEWEST
-    return fitted.objective / fitted.problem.samples if fitted.problem.samples > fewest else math.inf
+    fewest = LEAST_LEFT * _counting(first) if first is not None else FEWEST
+    return fitted.objective / fitted.problem.samples if _counting(fitted) > fewest and fitted.problem.samples else math.inf
+
+
+def _counting(fitted: Fitted) -> int:
+    """Samples that count, whatever they are grouped by."""
+    return sum(int(np.count_nonzero(piece.keep)) for piece in fitted.problem.pieces)
 
 
 def _best(
@@ -304,11 +281,11 @@ def _best(
     path, best = min(trials, key=lambda trial: _level(trial[1], first) + less_likely.get(trial[0].reading.at_end, 0.0) / max(samples, 1))
     gain = samples * (_level(first) - _level(best))
     above = samples * (_level(first) - 1.0)
-    if gain <= math.log(max(samples, 2)) + CLEAR or gain < EXPLAINED * above:
+    if gain <= clear_gain(samples) or gain < EXPLAINED * above:
         path, best = faithful, first
     rivals = tuple((other, samples * (_level(found, first) - _level(best))) for other, found in trials if other is not path)
     sample_s = best.problem.pieces[0].motion.sample_s
-    near = [other for other, above in rivals if above <= math.log(max(samples, 2)) + CLEAR and _differ(other, path, sample_s)]
+    near = [other for other, above in rivals if above <= clear_gain(samples) and _differ(other, path, sample_s)]
     return PathChoice(replace(path, rivals=tuple(near)), chain, best, rivals)
 
 
@@ -338,7 +315,7 @@ def _best_time_constant(
     def level(logarithm: float) -> float:
         return _level(_fit_by(data, recordings, start, path_of(math.exp(logarithm), 0.0)), first)
 
-    grid = np.log(TIMES_S)
+    grid = np.log(times_tried(recordings[0].sample_period_s))
     levels = [level(float(x)) for x in grid]
     at = int(np.argmin(levels))
     low, high = grid[max(at - 1, 0)], grid[min(at + 1, len(grid) - 1)]
@@ -365,7 +342,7 @@ def _undone(data: Data, start: Model, to_fit: Sequence[Recording]) -> PathChoice
             break
         tried = [_best_value(data, lively, start, choice, paths) for family in families if (paths := family(choice.path))]
         tried.sort(key=lambda trial: _level(trial[1], choice.fitted))
-        trials = [*(_refine(data, lively, *trial) for trial in tried[:REFINED]), *tried[REFINED:]]
+        trials = _refine_kinds(data, lively, tried)
         further = _best([(choice.path, choice.fitted), *trials], None, plain_first=True)
         if further.fitted is choice.fitted:
             return further if choice.path == path else choice
@@ -377,55 +354,7 @@ def _best_value(
     data: Data, recordings: Sequence[Recording], start: Model, first: PathChoice, paths: Sequence[TorquePath]
 ) -> tuple[TorquePath, Fitted]:
     """The best of some paths, and the fit by it."""
-    return min(((path, _fit_by(data, recordings, start, path)) for path in paths), key=lambda trial: _level(trial[1], first.fitted))
-
-
-def families_without_setpoint(sample_s: float) -> tuple[Callable[[TorquePath], list[TorquePath]], ...]:
-    """Paths without setpoint that have one thing more than another one, for each kind of thing; none where it has that already.
-
-    A reading behind a filter, at the end of the period; a late one; a current loop; one whose reading is the torque at the end of the
-    period; a command that changes inside the period; a current loop of second order in place of one of first.
-    """
-
-    def drive_of(path: TorquePath) -> DriveLaw:
-        return path.drive or DriveLaw(0.0)
-
-    def possible(paths: Iterator[TorquePath]) -> list[TorquePath]:
-        return [path for path in paths if path.can_be_undone(sample_s)]
-
-    def filtered(path: TorquePath) -> list[TorquePath]:
-        lags = [Lag("first order", (time_s,)) for time_s in TIMES_S]
-        return (
-            [] if path.reading.lags else possible(replace(path, reading=ReadingLaw(path.reading.late, (lag,), at_end=True)) for lag in lags)
-        )
-
-    def late(path: TorquePath) -> list[TorquePath]:
-        return [] if path.reading.late else possible(replace(path, reading=replace(path.reading, late=late)) for late in LATE_SHARES)
-
-    def behind_loop(path: TorquePath) -> list[TorquePath]:
-        """At the same delay where the command changes inside the period."""
-        drive = drive_of(path)
-        shares = [share for share in LOOP_SHARES if not drive.delay or share < drive.delay]
-        laws = [DriveLaw(max(drive.delay - share, 0.0), (Lag("first order", (share * sample_s,)),)) for share in shares]
-        return [] if drive.lags else possible(replace(path, drive=law) for law in laws)
-
-    def read_at_end(path: TorquePath) -> list[TorquePath]:
-        if path.reading.at_end:
-            return []
-        at_end = [replace(path, reading=replace(path.reading, at_end=True, late=late)) for late in (0.0, *LATE_SHARES[1:-1])]
-        return possible(iter(at_end)) if drive_of(path).lags else [behind for one in at_end for behind in behind_loop(one)]
-
-    def switched(path: TorquePath) -> list[TorquePath]:
-        return [] if drive_of(path).delay else possible(replace(path, drive=replace(drive_of(path), delay=part)) for part in SWITCHING)
-
-    def of_second_order(path: TorquePath) -> list[TorquePath]:
-        lags = drive_of(path).lags
-        if len(lags) != 1 or lags[0].kind != "first order":
-            return []
-        others = [Lag("second order", (ratio / (math.pi * lags[0].values[0]), ratio)) for ratio in DAMPING_RATIOS]
-        return possible(replace(path, drive=replace(drive_of(path), lags=(lag,))) for lag in others)
-
-    return filtered, late, behind_loop, read_at_end, switched, of_second_order
+    return min(_fit_ways(data, recordings, start, paths), key=lambda trial: _level(trial[1], first.fitted))
 
 
 def _motion_asks_for_path(data: Data, fitted: Fitted) -> bool:
@@ -439,7 +368,7 @@ def _motion_asks_for_path(data: Data, fitted: Fitted) -> bool:
         if columns is not None and np.any(columns):
             near = fitted.local_quadratic.best(columns=columns)
             gain = fitted.local_quadratic.objective - near.objective
-            if near.amounts[0] > 0.0 and gain > math.log(max(fitted.problem.samples, 2)) + CLEAR:
+            if near.amounts[0] > 0.0 and gain > clear_gain(fitted.problem.samples):
                 return True
     return False
 
@@ -465,4 +394,4 @@ def _by_motion(data: Data, start: Model, to_fit: Sequence[Recording], chain: Rea
     first = _fit_by(data, lively, start, plain)
     families = (behind, later, limited) if swing > 0.0 else (behind, later)
     trials = [(plain, first), *(_best_time_constant(data, lively, start, first, family) for family in families)]
-    return _best(trials, chain, plain_first=True)
+    return _best_shape(data, lively, _best(trials, chain, plain_first=True))

@@ -42,9 +42,7 @@ def with_likeliest_colour(data: Data, fitted: Fitted, residuals: Sequence[Array]
     Parameters
     ----------
     data : Data
-        The records.
     fitted : Fitted
-        Model, fitted to the records.
     residuals : sequence of ndarray
         Of each fitted segment as it is, (n,) N m.
     """

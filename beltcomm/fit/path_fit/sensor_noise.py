@@ -69,9 +69,7 @@ def split_noise(data: Data, fitted: Fitted) -> NoiseSplit | None:
     Parameters
     ----------
     data : Data
-        The records.
     fitted : Fitted
-        Model, fitted to the records.
     """
     if data.path.drive is None or data.path.commanded:
         return None
@@ -80,7 +78,7 @@ def split_noise(data: Data, fitted: Fitted) -> NoiseSplit | None:
     weights = problem.weights(fitted.residual)
     for i, piece in enumerate(problem.pieces):
         recording, here = by_name[piece.record], slice(int(problem.ends[i]), int(problem.ends[i + 1]))
-        rest = rest_of(recording, data)
+        rest = _rest_of(recording, data)
         if rest is not None and piece.whitener is not None:
             every = round(piece.motion.sample_s / recording.sample_period_s)
             parts.append(RestPart(piece, rest, fitted.residual[here], weights[here], every))
@@ -158,7 +156,7 @@ def _own_colour(rests: list[Array]) -> float:
     return min(colour, MOST_COLOUR) if colour > max(LEAST_COLOUR, COLOURED / math.sqrt(number)) else 0.0
 
 
-def rest_of(recording: Recording, data: Data) -> Array | None:
+def _rest_of(recording: Recording, data: Data) -> Array | None:
     """Torque reading less the reading predicted from the setpoint, (n,), N m at the motor; None without setpoint, or with gaps."""
     drive = data.path.drive
     if recording.torque_setpoint is None or drive is None or len(recording.gaps):

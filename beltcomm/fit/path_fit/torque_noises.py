@@ -58,7 +58,7 @@ class TorqueNoises(NamedTuple):
 
     def spectra(self, z: ComplexArray) -> tuple[Array, Array]:
         """Power at z⁻¹ = e^(-iω), of sensor and process, (N m)²."""
-        return self.sensor_nm**2 * first_order(self.sensor_pole, z), self.process_nm**2 * first_order(self.process_pole, z)
+        return self.sensor_nm**2 * _first_order(self.sensor_pole, z), self.process_nm**2 * _first_order(self.process_pole, z)
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class NoisesProblem:
         self.parts, self.scale_nm = parts, scale_nm
         rests = [np.clip(part.rest, -OUTLIER * scale_nm, OUTLIER * scale_nm) for part in parts]
         self._transformed = [
-            (np.fft.rfft(rest) * between(delay(len(rest))), delay(len(rest)), response(answer, len(rest)), len(rest)) for rest in rests
+            (np.fft.rfft(rest) * between(_delay(len(rest))), _delay(len(rest)), _response(answer, len(rest)), len(rest)) for rest in rests
         ]
         for part in PARTS:
             power = _periodograms(rests, part)
@@ -125,7 +125,7 @@ class NoisesProblem:
             if self._number >= ENOUGH_PARTS:
                 break
         self._power = np.mean(power, axis=0)[1:-1] if power else np.zeros(0)
-        self._part, self._z, self._read = part, delay(part)[1:-1], response(answer, part)[1:-1]
+        self._part, self._z, self._read = part, _delay(part)[1:-1], _response(answer, part)[1:-1]
 
     @property
     def enough(self) -> bool:
@@ -171,10 +171,10 @@ class NoisesProblem:
         coloured : tuple of bool
             Whether sensor and process have a colour.
         """
-        x, held = unknowns(begun, coloured), 1e-3
+        x, held = _unknowns(begun, coloured), 1e-3
 
         def around(x: Array) -> list[TorqueNoises]:
-            return [noises_at(at, coloured) for at in (x, *(x + STEP * np.eye(len(x))))]
+            return [_noises_at(at, coloured) for at in (x, *(x + STEP * np.eye(len(x))))]
 
         cost, slope, information = self._costs(around(x))
         for _ in range(ITERATIONS):
@@ -182,7 +182,7 @@ class NoisesProblem:
             while held < 1e6:
                 system = information + held * np.diag(np.diag(information) + 1e-9)
                 ahead = np.clip(x - np.clip(np.linalg.solve(system, slope), -MOST, MOST), LOW, HIGH)
-                gain = cost - self._costs([noises_at(ahead, coloured)])[0]
+                gain = cost - self._costs([_noises_at(ahead, coloured)])[0]
                 if gain > 0.0:
                     break
                 held *= 10.0
@@ -192,7 +192,7 @@ class NoisesProblem:
             cost, slope, information = self._costs(around(x))
             if gain < ENOUGH:
                 break
-        return NoisesFit(noises_at(x, coloured), cost, deviations_at(x, coloured, information))
+        return NoisesFit(_noises_at(x, coloured), cost, _deviations_at(x, coloured, information))
 
     def likeliest(self) -> list[NoisesFit]:
         """Fits with no colour, with one of either noise, and with two, with O plus what their colours cost, the best one first."""
@@ -204,25 +204,25 @@ class NoisesProblem:
         begun = min((process, sensor), key=lambda one: one.cost).noises
         poles = [pole or SECOND_POLE for pole in (begun.sensor_pole, begun.process_pole)]
         both = self.fit(begun._replace(sensor_pole=poles[0], process_pole=poles[1]), (True, True))
-        return sorted((white, process, sensor, both), key=self.priced)
+        return sorted((white, process, sensor, both), key=self._priced)
 
-    def priced(self, one: NoisesFit) -> float:
+    def _priced(self, one: NoisesFit) -> float:
         """O with ln n and :data:`CLEAR` for every colour, nats."""
         number = sum(len(part.left) for part in self.parts) + self._part * self._number
         return one.cost + (math.log(number) + CLEAR) * sum(pole > 0.0 for pole in one.noises[2:])
 
 
-def first_order(pole: float, z: ComplexArray) -> Array:
+def _first_order(pole: float, z: ComplexArray) -> Array:
     """Spectrum of noise of first order with variance 1."""
     return np.asarray((1.0 - pole**2) / np.abs(1.0 - pole * z) ** 2)
 
 
-def delay(number: int) -> ComplexArray:
+def _delay(number: int) -> ComplexArray:
     """z⁻¹ = e^(-iω) at the frequencies of a transform of so many samples."""
     return np.asarray(np.exp(-2j * np.pi * np.arange(number // 2 + 1) / number))
 
 
-def response(answer: Array, number: int) -> ComplexArray:
+def _response(answer: Array, number: int) -> ComplexArray:
     """Of an answer to a unit sample, at the frequencies of a transform of so many samples."""
     return np.asarray(np.fft.rfft(answer[:number], number))
 
@@ -235,22 +235,22 @@ def _periodograms(rests: Sequence[Array], part: int) -> list[Array]:
     return [np.abs(np.fft.rfft(window * rest[first : first + part])) ** 2 / part for rest, first in begins]
 
 
-def unknowns(noises: TorqueNoises, coloured: tuple[bool, bool]) -> Array:
+def _unknowns(noises: TorqueNoises, coloured: tuple[bool, bool]) -> Array:
     """ln of both deviations, then ln(ρ/(ρ_max - ρ)) of the poles that are free."""
     poles = [math.log(pole / (LARGEST - pole)) for pole, free in zip(noises[2:], coloured, strict=True) if free]
     return np.array([math.log(noises.sensor_nm), math.log(noises.process_nm), *poles])
 
 
-def noises_at(x: Array, coloured: tuple[bool, bool]) -> TorqueNoises:
-    """The noises of :func:`unknowns`."""
+def _noises_at(x: Array, coloured: tuple[bool, bool]) -> TorqueNoises:
+    """The noises of :func:`_unknowns`."""
     poles = iter(x[2:])
     own = [LARGEST / (1.0 + math.exp(-next(poles))) if free else 0.0 for free in coloured]
     return TorqueNoises(math.exp(x[0]), math.exp(x[1]), *own)
 
 
-def deviations_at(x: Array, coloured: tuple[bool, bool], information: Array) -> TorqueNoises:
+def _deviations_at(x: Array, coloured: tuple[bool, bool], information: Array) -> TorqueNoises:
     """One standard deviation of every value, by the information, of -2 ln L, of the unknowns."""
     spread = np.sqrt(np.maximum(2.0 * np.diag(np.linalg.pinv(information, hermitian=True)), 0.0))
-    here, poles = noises_at(x, coloured), iter(spread[2:])
+    here, poles = _noises_at(x, coloured), iter(spread[2:])
     own = [pole * (1.0 - pole / LARGEST) * float(next(poles)) if free else 0.0 for pole, free in zip(here[2:], coloured, strict=True)]
     return TorqueNoises(here.sensor_nm * float(spread[0]), here.process_nm * float(spread[1]), *own)

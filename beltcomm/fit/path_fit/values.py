@@ -19,7 +19,7 @@ from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.likelihood.problem import Nuisance
 from beltcomm.fit.noise.decimation import decimate_torque
 from beltcomm.fit.noise.level import robust_rms, torque_step
-from beltcomm.fit.records import Data, prepare_records
+from beltcomm.fit.records import Data, grouped_like, prepare_records
 from beltcomm.fit.torque.path import Lag, TorquePath
 from beltcomm.fit.torque.reading_fit import TAPS, WHOLE, colour_of, lively_pairs, whitened_row
 from beltcomm.model import Model
@@ -58,7 +58,7 @@ def refine_path(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
         columns = columns_of(data, fitted)
         if columns is None:
             break
-        near, told = fitted.local_quadratic.best(columns=columns), by_reading(data, values)
+        near, told = fitted.local_quadratic.best(columns=columns), _by_reading(data, values)
         known = fitted.local_quadratic.information(columns)
         step = np.linalg.solve(known + told.information, known @ near.amounts + told.pull)
         step *= min(1.0, float(np.min(_most(data.path, values) / np.maximum(np.abs(step), 1e-300))))  # what one loses another gains
@@ -69,7 +69,7 @@ def refine_path(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
         held = [name for name in fitted.model.parameters if name not in fitted.problem.free]
         better = fit(ahead, fitted.model, ITERATIONS, offsets=fitted.offsets, fixed=held)
         gain = (_level(fitted) - _level(better)) * fitted.problem.samples
-        if gain + told.squares - by_reading(ahead, values + step).squares < WORTH:
+        if gain + told.squares - _by_reading(ahead, values + step).squares < WORTH:
             break
         data, fitted = ahead, better
     return _with_half_widths(data, fitted), fitted
@@ -81,7 +81,7 @@ def _with_half_widths(data: Data, fitted: Fitted) -> Data:
     columns = columns_of(data, fitted) if len(values) else None
     if columns is None:
         return data
-    known = fitted.local_quadratic.information(columns) + by_reading(data, values).information
+    known = fitted.local_quadratic.information(columns) + _by_reading(data, values).information
     halves = NORMAL_95 * np.sqrt(np.maximum(np.diag(np.linalg.pinv(known, hermitian=True)), 0.0))
     return replace(data, path=_with_values(data.path, values, halves))
 
@@ -92,9 +92,7 @@ def path_nuisance(data: Data, fitted: Fitted) -> Nuisance | None:
     Parameters
     ----------
     data : Data
-        The records.
     fitted : Fitted
-        Model, fitted to the records.
     """
     values, rivals = _values(data.path), data.path.rivals
     columns = columns_of(data, fitted) if len(values) else None
@@ -106,7 +104,7 @@ def path_nuisance(data: Data, fitted: Fitted) -> Nuisance | None:
     if not columns.shape[1]:
         return None
     own, unknown = len(values), columns.shape[1] - len(values)
-    information = block_diag(by_reading(data, values).information if own else np.zeros((0, 0)), NORMAL_95**2 * unknown * np.eye(unknown))
+    information = block_diag(_by_reading(data, values).information if own else np.zeros((0, 0)), NORMAL_95**2 * unknown * np.eye(unknown))
     return Nuisance(columns, information, np.arange(own + unknown) < own)
 
 
@@ -119,7 +117,7 @@ class ByReading:
     squares: float
 
 
-def by_reading(data: Data, values: Array) -> ByReading:
+def _by_reading(data: Data, values: Array) -> ByReading:
     """Of the path of some records; next to nothing where its reading is the command, or without a setpoint."""
     path, hardly = data.path, np.diag(1.0 / (UNKNOWN * values) ** 2)
     pairs, sample_s = lively_pairs([r for r in data.recordings if not r.sidecar.held_out])
@@ -153,7 +151,6 @@ def by_path(data: Data, model: Model, path: TorquePath) -> Data:
     Parameters
     ----------
     data : Data
-        The records.
     model : Model
         That tells the motion between the samples.
     path : TorquePath
@@ -161,7 +158,7 @@ def by_path(data: Data, model: Model, path: TorquePath) -> Data:
     """
     shares = {piece.record: piece.rounding for piece in (*data.fitted, *data.held_out)}
     same = (data.noise_nm, data.step_rad, shares, data.substeps, path, data.reversals, data.colour, data.single)
-    return prepare_records(data.recordings, model, *same)
+    return grouped_like(prepare_records(data.recordings, model, *same), data)
 
 
 def _free_delays(path: TorquePath) -> tuple[int, ...]:
@@ -238,9 +235,7 @@ def columns_of(data: Data, fitted: Fitted) -> Array | None:
     Parameters
     ----------
     data : Data
-        The records.
     fitted : Fitted
-        Model, fitted to the records.
     """
     values = _values(data.path)
     steps = STEP * values

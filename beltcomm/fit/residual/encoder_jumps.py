@@ -47,7 +47,6 @@ def largest_step(recording: Recording, inertia_kg_m2: float, step_rad: float, st
     Parameters
     ----------
     recording : Recording
-        The record.
     inertia_kg_m2 : float, kg m², motor side
         Of what follows the torque at once.
     step_rad : float, rad
@@ -98,12 +97,12 @@ def proven_jumps(recording: Recording, model: Model, step_rad: float, noise_nm: 
         first, size = step
 
         def cost(trial: float, whole: Recording = remaining, first: int = first) -> float:
-            squares = _squares(without_jump(whole, first, trial), model, step_rad, noise_nm)
+            squares = _squares(_without_jump(whole, first, trial), model, step_rad, noise_nm)
             return float(np.mean(np.log1p(squares))) if squares is not None else np.inf
 
         around = 0.5 * abs(size) + BEYOND_ROUNDING * step_rad
         best = minimize_scalar(cost, bounds=(size - around, size + around), method="bounded", options={"xatol": 0.3 * step_rad})
-        trial = without_jump(remaining, first, float(best.x))
+        trial = _without_jump(remaining, first, float(best.x))
         after = _squares(trial, model, step_rad, noise_nm)
         if after is None or np.mean(before) - np.mean(after) < SHARE_REMOVED * (np.mean(before) - 1.0):
             break
@@ -112,7 +111,7 @@ def proven_jumps(recording: Recording, model: Model, step_rad: float, noise_nm: 
     return tuple(found)
 
 
-def without_jump(recording: Recording, first: int, size_rad: float) -> Recording:
+def _without_jump(recording: Recording, first: int, size_rad: float) -> Recording:
     """The record with the angle from sample ``first`` on put back by ``size_rad``."""
     return replace(recording, position=recording.position - np.where(np.arange(len(recording.position)) >= first, size_rad, 0.0))
 

@@ -57,14 +57,36 @@ class Observer:
     torque: Array
 
     def white(self, torque: Array, keep: BoolArray) -> Array:
-        """First-order change of the innovations, over their deviation, by changes of the residual, N m, (n,) or (n, k)."""
+        """First-order change of the innovations, over their deviation.
+
+        Parameters
+        ----------
+        torque : ndarray, N m, (n,) or (n, k)
+            Changes of the residual.
+        keep : ndarray of bool, (n,)
+            Samples that count; the others are passed over.
+
+        Returns
+        -------
+        ndarray
+            Of the shape of ``torque``.
+        """
         w = self.watch
         columns = np.ascontiguousarray(torque if torque.ndim == 2 else torque[:, None])
         out = filter_columns(columns, keep, w.F, w.H, w.gains, w.deviations, w.shares)
         return out if torque.ndim == 2 else out[:, 0]
 
     def knows(self, seen: Observation, model: Model, vector: Array) -> bool:
-        """True if this is what it was worked out with."""
+        """True if this is what it was worked out with.
+
+        Parameters
+        ----------
+        seen : Observation
+            Compared by identity.
+        model : Model
+        vector : ndarray, SI
+            Parameters.
+        """
         same = seen.motion is self.motion and seen.torque is self.torque and model.effects == self.model.effects
         return same and np.allclose(vector, self.model.vector(), rtol=1e-12, atol=0.0)
 
@@ -99,7 +121,7 @@ def innovations(seen: Sequence[Observation], model: Model, vectors: Sequence[Arr
     others = [i for i, (one, vector) in enumerate(zip(seen, vectors, strict=True)) if not one.observer.knows(one, model, vector)]
     motions = [true_motion(model, seen[i].motion, vectors[i]) for i in others]
     for i, motion in zip(others, motions, strict=True):
-        watches[i] = reset(watches[i], load_beyond_motor(model, motion, seen[i].torque, vectors[i]))
+        watches[i] = reset(watches[i], _load_beyond_motor(model, motion, seen[i].torque, vectors[i]))
     if others:
         follow_bodies(model, motions, [vectors[i] for i in others], [watches[i] for i in others])
     return [(watch.white, watch.left) for watch in watches]
@@ -123,7 +145,7 @@ def slopes(seen: Sequence[Observation], model: Model, vector: Array, steps: Sequ
     found = []
     for one in seen:
         true = true_motion(model, one.motion, vector)
-        watch = one.observer.watch._replace(wanted=load_beyond_motor(model, true, one.torque, vector))
+        watch = one.observer.watch._replace(wanted=_load_beyond_motor(model, true, one.torque, vector))
         white = linear_innovations(model, true, [vector, *(steps[number].vector for number in still)], watch)
         found.append(np.column_stack((white, np.empty((len(white), len(moving))))))
     for place, number in enumerate(moving, start=1 + len(still)):
@@ -151,7 +173,7 @@ def needs_observer(model: Model) -> bool:
     return loose and not any(e.slot == "torque_reading" for e in effects)
 
 
-def load_beyond_motor(model: Model, motion: FineMotion, torque: Array, vector: Array) -> Array:
+def _load_beyond_motor(model: Model, motion: FineMotion, torque: Array, vector: Array) -> Array:
     """Load that the torque leaves for everything beyond the motor, N m, (n,).
 
     Parameters
@@ -164,7 +186,7 @@ def load_beyond_motor(model: Model, motion: FineMotion, torque: Array, vector: A
     return left
 
 
-def settling_samples(keep: BoolArray, sample_s: float) -> BoolArray:
+def _settling_samples(keep: BoolArray, sample_s: float) -> BoolArray:
     """Samples that do not count, behind so many of them that the carriage may be anywhere in its gap when the next one does; (n,).
 
     Parameters
@@ -185,7 +207,7 @@ def settling_samples(keep: BoolArray, sample_s: float) -> BoolArray:
     return ends & (since * sample_s >= FORGOTTEN_S)
 
 
-def stiffest(model: Model, low_m: float, high_m: float, places_m: Array) -> tuple[float, Array]:
+def _stiffest(model: Model, low_m: float, high_m: float, places_m: Array) -> tuple[float, Array]:
     """Place of a way where the carriage is held stiffest, and the stiffness elsewhere over the one there.
 
     A filter whose gains are worked out for a belt less than half as stiff as it is overshoots and flies off.
@@ -225,9 +247,7 @@ def untuned_observer(
     Parameters
     ----------
     model : Model
-        Of the axis.
     motion : FineMotion
-        Of a segment.
     torque : ndarray (n,), N m, motor shaft
         That acts.
     keep : ndarray of bool (n,)
@@ -248,7 +268,7 @@ def untuned_observer(
     """
     ratio, own = model["transmission.ratio"], loaded_model(model, motion.mounted)
     low, high = (float(end) * ratio for end in (motion.theta.min(), motion.theta.max()))
-    place, held = stiffest(model, low, high, motion.theta[:: motion.substeps][: motion.samples] * ratio)
+    place, held = _stiffest(model, low, high, motion.theta[:: motion.substeps][: motion.samples] * ratio)
     apart, there = (matrices(own, operating_point(own, place, 1.0), closed=closed) for closed in (0.0, 1.0))
     sides = [noises(path_of(own, linear, motion.sample_s), step_rad, noise_nm, rounding, alike=True) for linear in (apart, there)]
     (opened, variances, start), (shut, _, _) = sides
@@ -268,7 +288,7 @@ def untuned_observer(
     vector = model.vector()
     true = true_motion(model, motion, vector)
     watch = ObserverState(
-        wanted=load_beyond_motor(model, true, torque, vector),
+        wanted=_load_beyond_motor(model, true, torque, vector),
         keep=keep,
         places=places,
         behind=len(names) - 1,
@@ -279,7 +299,7 @@ def untuned_observer(
         held=held,
         spread=np.array([(0.5 * free) ** 2, swing**2]),
         lost=np.zeros(motion.samples, dtype=np.bool_),
-        forgets=settling_samples(keep, motion.sample_s),
+        forgets=_settling_samples(keep, motion.sample_s),
         learning=True,
         F=np.stack([opened.F, shut.F]),
         G=np.concatenate([np.stack([opened.G, shut.G]), by_chance], axis=2),

@@ -65,9 +65,7 @@ def motion_through_reversals(
     Parameters
     ----------
     motion : FineMotion
-        Of a segment.
     model : Model
-        Of the axis.
     slow_rad_s : float, rad/s, motor shaft
         Speed below which a reversal may hide.
     rebuilt : callable
@@ -82,19 +80,19 @@ def motion_through_reversals(
     least, fine_s = TO_SPARE * slows, motion.sample_s / motion.substeps
     acted: Array | None = None
     for _ in range(ROUNDS):
-        doubtful, instants = find_passages(motion, slow_rad_s, least)
-        lacking, acting = reversal_correction(motion, instants, ratio)[0], kernel_directions(motion, ratio)
+        doubtful, instants = _find_passages(motion, slow_rad_s, least)
+        lacking, acting = _reversal_correction(motion, instants, ratio)[0], _kernel_directions(motion, ratio)
         rubbed = acting + lacking
         if acted is not None:  # the motion is then that of a friction that is known
             left = np.diff(motion.omega) / (slows * fine_s) + acted
             _rest(motion.omega, left, doubtful, slows * fine_s, slow_rad_s, rubbed)
         motion, acted = rebuilt(motion, lacking=level * (rubbed - acting)), rubbed
-    last, instants = find_passages(motion, slow_rad_s, least)
+    last, instants = _find_passages(motion, slow_rad_s, least)
     # Where it was made to rest it now may look as if it went through: a rest is short beside a fine step there.
-    return motion, ~samples_at(doubtful | last, motion.substeps), reversal_correction(motion, instants, ratio)[1]
+    return motion, ~_samples_at(doubtful | last, motion.substeps), _reversal_correction(motion, instants, ratio)[1]
 
 
-def find_passages(motion: FineMotion, slow_rad_s: float, least_rad_s2: float) -> tuple[BoolArray, Array]:
+def _find_passages(motion: FineMotion, slow_rad_s: float, least_rad_s2: float) -> tuple[BoolArray, Array]:
     """Points of the fine grid, (fine,), at which the motor may have stuck; and instants at which it surely did not, in fine steps.
 
     Parameters
@@ -112,7 +110,7 @@ def find_passages(motion: FineMotion, slow_rad_s: float, least_rad_s2: float) ->
 
 @compiled
 def _passages(omega: Array, slow: float, least: float, doubtful: BoolArray, instants: Array) -> int:
-    """:func:`find_passages` with ``least`` per fine step; number of instants."""
+    """:func:`_find_passages` with ``least`` per fine step; number of instants."""
     n, count, i = omega.shape[0], 0, 0
     while i < n:
         turned = i > 0 and abs(omega[i]) >= slow and omega[i - 1] * omega[i] < 0.0
@@ -145,7 +143,7 @@ def _passages(omega: Array, slow: float, least: float, doubtful: BoolArray, inst
     return count
 
 
-def samples_at(doubtful: BoolArray, substeps: int) -> BoolArray:
+def _samples_at(doubtful: BoolArray, substeps: int) -> BoolArray:
     """Samples whose triangular weight touches a doubtful point; the ends too.
 
     Parameters
@@ -166,7 +164,7 @@ def samples_at(doubtful: BoolArray, substeps: int) -> BoolArray:
     return touched
 
 
-def reversal_correction(motion: FineMotion, instants: Array, ratio: float) -> tuple[Array, Array]:
+def _reversal_correction(motion: FineMotion, instants: Array, ratio: float) -> tuple[Array, Array]:
     """Friction that the kernel, at level 1 N m, lacks around these instants: mean over each fine step, (fine - 1,), and over each
     sample with its triangular weight, (n,), ends 0.
 
@@ -189,13 +187,8 @@ def reversal_correction(motion: FineMotion, instants: Array, ratio: float) -> tu
     return cells - kernel, mean - triangular_mean(points, motion.substeps)
 
 
-def kernel_directions(motion: FineMotion, ratio: float) -> Array:
-    """Direction of the motor's friction as the kernel has it, mean over each fine step, (fine - 1,).
-
-    Parameters
-    ----------
-    ratio : float, m/rad
-    """
+def _kernel_directions(motion: FineMotion, ratio: float) -> Array:
+    """Direction of the motor's friction as the kernel has it, mean over each fine step, (fine - 1,)."""
     return _between(_directions(motion.theta, ratio / motion.bristle_m))
 
 

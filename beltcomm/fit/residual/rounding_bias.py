@@ -96,19 +96,28 @@ class RoundingBias:
 
     def _paths(self, model: Model) -> dict[Where, NoisePath]:
         """Noise paths by place, sampling period and load."""
-        return {where: path_at(model, where) for where in {kind.where for kind in self.kinds}}
+        return {where: _path_at(model, where) for where in {kind.where for kind in self.kinds}}
 
     def _values(self, model: Model) -> Array:
         paths = self._paths(model)
         return np.array([kind.power(paths[kind.where]) for kind in self.kinds])
 
     def responses(self, vector: Array, others: Sequence[Array], steps: Array) -> tuple[Array, Array]:
-        """Slope and curvature of v at x: (segments, k) and (segments, k, k), the latter ½ ∂²v to first order in the response.
+        """Slope and curvature of v at x.
 
         Parameters
         ----------
+        vector : ndarray, SI
+            Parameters at x.
         others : sequence of ndarray
             Neighbours of x, each ``steps`` away along one unknown.
+        steps : ndarray, (k,)
+            Scaled.
+
+        Returns
+        -------
+        tuple[ndarray, ndarray]
+            (segments, k) and (segments, k, k), the latter ½ ∂²v to first order in the response.
         """
         k = len(others)
         slope, curvature = np.zeros((len(self.kinds) + 1, k)), np.zeros((len(self.kinds) + 1, k, k))
@@ -132,7 +141,7 @@ class _Kind:
     def __init__(self, segment: Segment, model: Model, place_m: float) -> None:
         self.segment, self.where = segment, (place_m, segment.motion.sample_s, segment.motion.mounted)
         self._known: dict[int, tuple[NoisePath, Array]] = {}
-        here = path_at(model, self.where)
+        here = _path_at(model, self.where)
         self.filter = self._filter(here)
         self.unread = None if segment.own_noise or segment.unread is None else (self._weight(segment.unread), here.transfer)
         self.start = self.power(here)
@@ -187,7 +196,7 @@ class _Kind:
         return found if found < ABSURD else math.inf
 
 
-def path_at(model: Model, where: Where) -> NoisePath:
+def _path_at(model: Model, where: Where) -> NoisePath:
     """Noise path at a place, m, with a sampling period, s, and the load of a record."""
     place_m, sample_s, mounted = where
     return noise_path(loaded_model(model, mounted), place_m, sample_s)

@@ -61,6 +61,8 @@ SURE_STEPS = 1.0
 COARSE_RAD_S = 5.0
 #: The stick speed in deviations of a smoothed speed.
 SURE = 3.0
+#: Share of an angle by which a start position may differ from it and still be the same, with the radius as it was known then.
+SAME_ANGLE = 1e-4
 #: The same in steps of the encoder per sample: below it rounding follows the motion for many samples, and is no white noise.
 WHITE_STEPS = 0.15
 #: m/s, the same for an axis known at its load side.
@@ -95,7 +97,7 @@ class Segment:
     whitener : Whitener or None
         Gains worked out beforehand for the reference, a model near the right one; without it every evaluation works out its own.
     group : int
-        See :func:`group_starts`.
+        See :func:`_group_starts`.
     rounding : tuple of float
         Shares for ``whitener``.
     process_noise, freedom_m : float
@@ -140,7 +142,7 @@ class Segment:
     @cached_property
     def firsts(self) -> NDArray[np.intp]:
         """Places, among the kept samples, of the first of each group."""
-        return group_starts(self.keep, self.group)
+        return _group_starts(self.keep, self.group)
 
     @property
     def value_samples(self) -> NDArray[np.intp]:
@@ -261,7 +263,6 @@ def segments(
     counted = min(step_rad, smallest_step(recording.position)) if fitted else step_rad  # without the angle's own noise, which is white
     every = decimation(own, counted, "cart" in model.base_bodies) if fitted else 1
     sample, noise_factor = every * own, decimated_noise(every)
-    start = recording.sidecar.start_position_m
     pieces = []
     for first, last in recording.pieces:
         if last - first < 50:
@@ -275,8 +276,7 @@ def segments(
         if every > 1:
             position, push = position[::every][: len(position) // every], decimate(push, every)
             torque, within = decimate_torque(torque, within, every)
-        # Without a start position the recorded angle is the absolute one: a phase of cogging holds for all records of a run.
-        place = float(recording.position[first]) if start is None else start / ratio + recording.position[first] - recording.position[0]
+        place = _absolute_angle(recording, ratio) + float(recording.position[first] - recording.position[0])
         time = (recording.sidecar.session_time_s or 0.0) + recording.t_s[first] - recording.t_s[0]
         inertia = model.driven_inertia()
         motion = reconstruct(
@@ -294,7 +294,7 @@ def segments(
         smooth = smooth_motion(model, motion, push, step_rad, noise_nm) if hidden else None
         if fitted:
             likely = motion if smooth is None else replace(motion, theta=smooth.theta, omega=smooth.omega)
-            motion = rebuild_motion(likely, model, position, push, place)
+            motion = _rebuild_motion(likely, model, position, push, place)
         if smooth is not None:
             motion = replace(motion, creep=(smooth.theta, smooth.omega))
             keep = ~resting_samples(motion, max(stick_speed + SURE * smooth.off_rad_s, WHITE_STEPS * counted / sample))
@@ -302,7 +302,7 @@ def segments(
         elif fitted and reversals and turns_at_once(model):
             slow = max(stick_speed, STICK_STEPS * step_rad / sample)
             motion, keep, turns = motion_through_reversals(
-                motion, model, slow, partial(rebuild_motion, model=model, position=position, torque=push, start_rad=place)
+                motion, model, slow, partial(_rebuild_motion, model=model, position=position, torque=push, start_rad=place)
             )
         else:
             sure = 0.0 if "cart" in model.base_bodies else SURE_STEPS * step_rad / sample
@@ -331,7 +331,7 @@ def segments(
                 keep,
                 noise_factor * noise_nm,
                 step_rad,
-                start_offset(model, motion),
+                _start_offset(model, motion),
                 turns=turns,
                 colour=acting_noise(path, colour, own, every),
                 noise_factor=noise_factor,
@@ -339,6 +339,16 @@ def segments(
             )
         )
     return pieces
+
+
+def _absolute_angle(recording: Recording, ratio_m_rad: float) -> float:
+    """Angle of the motor at the first sample, rad: one for all records of a run, as phases of cogging and lines of an encoder have it.
+
+    The recorded angle is, where no start position says otherwise; that is a length, and knows the angle no better than the radius.
+    """
+    recorded, start = float(recording.position[0]), recording.sidecar.start_position_m
+    told = recorded if start is None else start / ratio_m_rad
+    return recorded if abs(told - recorded) <= SAME_ANGLE * max(abs(recorded), 1.0) else told
 
 
 def acting_noise(path: TorquePath, pole: float, sample_s: float, every: int) -> NoiseColour:
@@ -367,7 +377,7 @@ def acting_noise(path: TorquePath, pole: float, sample_s: float, every: int) -> 
     return NoiseColour(pole) if every > 1 else path.acting_noise(pole, sample_s)
 
 
-def rebuild_motion(
+def _rebuild_motion(
     motion: FineMotion, model: Model, position: Array, torque: Array, start_rad: float, *, lacking: Array | float = 0.0
 ) -> FineMotion:
     """The motion between the samples with the load that it gives rise to, and one that is lacking there, N m, mean over each fine step.
@@ -387,7 +397,7 @@ def rebuild_motion(
     return replace(found, time_s=motion.time_s, within=motion.within)
 
 
-def start_offset(model: Model, motion: FineMotion) -> float:
+def _start_offset(model: Model, motion: FineMotion) -> float:
     """Largest stretch of the belt at the start: at rest no more than the friction of the carriage holds.
 
     Without this bound a stretch of half a millimetre lets the carriage ring before anything counts, and where it then sticks is chance.
@@ -414,7 +424,7 @@ def start_offset(model: Model, motion: FineMotion) -> float:
     return min(HELD_SPREAD * model.get("cart_friction.level") * compliance, MOVING_STRETCH_M)
 
 
-def group_starts(keep: BoolArray, size: int) -> NDArray[np.intp]:
+def _group_starts(keep: BoolArray, size: int) -> NDArray[np.intp]:
     """Places, among the kept samples, of the first of every so many neighbours in time.
 
     The sum of neighbouring values of the whitened residual over √size is white again and holds the lower 1/size of the frequencies: above

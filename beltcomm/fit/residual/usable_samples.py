@@ -33,7 +33,6 @@ def resting_samples(motion: FineMotion, stick_speed: float) -> BoolArray:
     Parameters
     ----------
     motion : FineMotion
-        Of a segment.
     stick_speed : float, rad/s
         Of the motor.
 
@@ -166,7 +165,6 @@ def creep_motion(motion: FineMotion, position: Array, creeps: BoolArray) -> tupl
     Parameters
     ----------
     motion : FineMotion
-        Of a segment.
     position : ndarray, (n,), rad
         As it was read.
     creeps : ndarray, (n,) of bool
@@ -212,7 +210,6 @@ def run_in_samples(motion: FineMotion, ratio: float) -> BoolArray:
     Parameters
     ----------
     motion : FineMotion
-        Of a segment.
     ratio : float, m/rad
         Of the transmission.
 

@@ -33,7 +33,7 @@ OUTLIER = 25.0
 KNOWN = 2
 
 
-def stiffness_left(model: Model, motion: FineMotion) -> Array | None:
+def _stiffness_left(model: Model, motion: FineMotion) -> Array | None:
     """Share of the belt's stiffness that holds the carriage at each sample: 1 with both strands tight.
 
     It is the slope of the belt's law at the stretch that carries the load.  A gap is no such law: its carriage is followed (``observer``).
@@ -44,7 +44,6 @@ def stiffness_left(model: Model, motion: FineMotion) -> Array | None:
     model : Model
         With any effects.
     motion : FineMotion
-        Of a segment.
 
     Returns
     -------
@@ -125,7 +124,6 @@ def evaluate(segment: Segment, model: Model, vector: Array, offset_m: float = 0.
     segment : Segment
         Of a record.
     model : Model
-        Of the axis.
     vector : ndarray (k,)
         Values of the parameters.
     offset_m : float
@@ -296,4 +294,4 @@ def noise_paths_of(segment: Segment, model: Model) -> NoiseSchedule:
     """
     motion, model = segment.motion, loaded_model(model, segment.motion.mounted)
     places = motion.theta[:: motion.substeps] * model["transmission.ratio"]
-    return noise_schedule(model, places, motion.sample_s, stiffness_left(model, motion))
+    return noise_schedule(model, places, motion.sample_s, _stiffness_left(model, motion))

@@ -15,7 +15,8 @@ from beltcomm.arrays import Array
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.fit.noise.level import torque_noise
-from beltcomm.fit.path_fit.choice import EXPLAINED, TIMES_S, reads_command, ways_of
+from beltcomm.fit.path_fit.choice import EXPLAINED, reads_command
+from beltcomm.fit.path_fit.trial_paths import times_tried, ways_of
 from beltcomm.fit.residual.encoder_jumps import CERTAIN, Jump, largest_step, refuse
 from beltcomm.fit.residual.segment import Segment, segments
 from beltcomm.fit.residual.whitened import evaluate_each
@@ -23,7 +24,7 @@ from beltcomm.fit.start.low_pass import fine, legible, smooth
 from beltcomm.fit.start.rigid import rigid_estimate
 from beltcomm.fit.start.undersampled import clearly_moves, comes_seldom, first_of_seldom
 from beltcomm.fit.torque.path import FAITHFUL, DriveLaw, Lag, TorquePath
-from beltcomm.fit.torque.reading_fit import CLEAR, fit_reading
+from beltcomm.fit.torque.reading_fit import clear_gain, fit_reading
 from beltcomm.model import BASE_BODIES, Model, build_model, expected_parameters
 from beltcomm.model.value import Value
 from beltcomm.recording import Recording
@@ -63,8 +64,9 @@ SMEARED = (2.0, 1.0, 0.0)
 LEAST_FRICTION_N = 0.1
 #: What the data sheets must tell of any axis.
 NEEDED = ("motor.inertia_kg_m2", "pulley.effective_radius_m", "belt.specific_stiffness_n", "belt.pulley_distance_m")
-#: m/rad, travel of the belt axes that the bounds of the effects were made for; how far beyond the loads counted with a fit may go.
-USUAL_RATIO, LOADS_BEYOND = 0.0125, 10.0
+#: m/rad, travel of the belt axes that the bounds of the effects were made for; how far beyond the loads counted with a fit may go; damping
+#: ratio of a screw, rack or coupling.
+USUAL_RATIO, LOADS_BEYOND, USUAL_DAMPING = 0.0125, 10.0, 0.02
 #: Parameters that the torque equation is linear in, beside the inertia; and those it is not.
 _LINEAR = ("coulomb.level", "viscous.damping")
 _NONLINEAR = ("cart.mass", "belt_stiffness.stiffness", "cart_friction.level")
@@ -157,6 +159,9 @@ def build_for(axis: Axis, effects: Sequence[str], values: Mapping[str, float]) -
     expected, share = expected_parameters(effects, base), USUAL_RATIO / axis.transmission_m_rad
     narrow, wide = min(share, share**2, 1.0), max(share, share**2, 1.0)
     loads, own = unknown_loads_kg(axis), axis.motor_side_inertia_kg_m2
+    if "belt_damping.damping" in expected and "belt_stiffness.stiffness" in values:  # those of a belt are hundreds of times less
+        swung_kg = 1.0 / (1.0 / values["cart.mass"] + axis.transmission_m_rad**2 / own)
+        values = {"belt_damping.damping": 2.0 * USUAL_DAMPING * math.sqrt(values["belt_stiffness.stiffness"] * swung_kg), **values}
     placed = {}
     for name, p in expected.items():
         low, high, origin = p.low, p.high, "data sheet"
@@ -235,13 +240,13 @@ def first_estimate(
             first, size = striking
             refuse([Jump(recording.name, float(recording.t_s[first]), size)], step)
     noise = torque_noise(recordings)
-    pieces = [p for r in recordings for p in legible_segments(r, start, step, noise, path)]
+    pieces = [p for r in recordings for p in _legible_segments(r, start, step, noise, path)]
     if _moving(pieces) < FEWEST_SAMPLES:
         raise DataError(_no_motion_words(recordings, pieces, step))
     search = _Search(pieces, start, inertia_shares)
     friction = max(start["cart_friction.level"], LEAST_FRICTION_N)
     stiffnesses = STIFFNESS_SHARES * start["belt_stiffness.stiffness"]
-    masses = masses_tried(start)
+    masses = _masses_tried(start)
     rests = np.full((len(masses), len(stiffnesses)), np.inf)
 
     def tried(places: Iterable[tuple[int, int]]) -> None:
@@ -265,7 +270,7 @@ def first_estimate(
     return FirstEstimate(search.model(np.exp(best.x)), float(best.fun), _moving(pieces))
 
 
-def masses_tried(start: Model) -> Array:
+def _masses_tried(start: Model) -> Array:
     """Loads of the grid: those of belt axes, or between the bounds that a data sheet of another kind gives.
 
     Parameters
@@ -318,13 +323,15 @@ def moves_enough(recording: Recording, model: Model, counts_per_rev: int) -> boo
     bool
         By the rows alone where these come seldom.
     """
-    if comes_seldom(recording):
+    if comes_seldom(recording, model):
         return clearly_moves(recording, counts_per_rev)
     noise = torque_noise([recording])
-    return _moving(legible_segments(recording, model, 2.0 * np.pi / counts_per_rev, noise)) >= FEWEST_SAMPLES
+    return _moving(_legible_segments(recording, model, 2.0 * np.pi / counts_per_rev, noise)) >= FEWEST_SAMPLES
 
 
-def legible_segments(recording: Recording, model: Model, step_rad: float, noise_nm: float, path: TorquePath | None = None) -> list[Segment]:
+def _legible_segments(
+    recording: Recording, model: Model, step_rad: float, noise_nm: float, path: TorquePath | None = None
+) -> list[Segment]:
     """The pieces of a record, torque and angle smoothed alike where its rows alone do not show the motion.
 
     That is so where the encoder is too coarse to show the acceleration from row to row, or the motor swings on a held carriage between
@@ -481,7 +488,7 @@ def first_path(recording: Recording, start: Model, counts_per_rev: int) -> First
     """
     if start.rigid:
         return FirstPath(FAITHFUL, rigid_estimate(start, [recording]))
-    if comes_seldom(recording):
+    if comes_seldom(recording, start):
         return FirstPath(FAITHFUL, first_of_seldom([recording], start))
     chain = fit_reading([recording])
     faithful = TorquePath(chain.law) if chain is not None else FAITHFUL
@@ -494,11 +501,9 @@ def first_path(recording: Recording, start: Model, counts_per_rev: int) -> First
     by_sheet = SHEET_RIGHT_TO[0] <= first.model["motor.inertia"] / start["motor.inertia"] <= SHEET_RIGHT_TO[1]
     if chain is None or (by_sheet and _least(recording, start["motor.inertia"], step) >= (1.0 - EXPLAINED) * first.rest):
         return told(faithful, first)
-    others = [
-        path
-        for path in (_by_motion(chain.law) if reads_command(chain, [recording]) else ways_of(chain.law, chain.at_end))
-        if path != faithful
-    ]
+    sample_s = recording.sample_period_s
+    ways = _by_motion(chain.law, sample_s) if reads_command(chain, [recording]) else ways_of(chain.law, chain.at_end, sample_s)
+    others = [path for path in ways if path != faithful]
 
     def best_of(shares: tuple[float, float] = INERTIA_SHARES) -> tuple[TorquePath, FirstEstimate]:
         trials = [(path, first_estimate([recording], start, counts_per_rev, path, shares)) for path in others]
@@ -536,11 +541,11 @@ def _is_clearly_better(first: FirstEstimate, other: FirstEstimate) -> bool:
 
 def _is_certainly_better(first: FirstEstimate, other: FirstEstimate) -> bool:
     """True if it is no chance that another estimate leaves less torque."""
-    return other.rest > 0.0 and first.samples * math.log(first.rest / other.rest) > math.log(first.samples) + CLEAR
+    return other.rest > 0.0 and first.samples * math.log(first.rest / other.rest) > clear_gain(first.samples)
 
 
-def _by_motion(law: DriveLaw) -> Iterator[TorquePath]:
+def _by_motion(law: DriveLaw, sample_s: float) -> Iterator[TorquePath]:
     """Of a reading that is the command: the command that acts, and what a current loop of some time constants makes of it."""
     yield TorquePath(law, commanded=True)
-    for time_s in TIMES_S:
+    for time_s in times_tried(sample_s):
         yield TorquePath(replace(law, lags=(*law.lags, Lag("first order", (time_s,)))), commanded=True)

@@ -21,7 +21,7 @@ HIGHEST_CUT, LOWEST_CUT_HZ, CUTS, ROUNDING_SHARE = 0.2, 0.2, 25, 0.1
 REACH = 4.0
 
 
-def widths(sample_s: float) -> Array:
+def _widths(sample_s: float) -> Array:
     """Standard deviations of the Gaussian that are tried, in samples, the narrowest first.
 
     Parameters
@@ -75,7 +75,7 @@ def legible(position: Array, sample_s: float, step: float, share: float = ROUNDI
     tuple of float and ndarray (n,)
         Width in samples, and the smooth angle, rad.
     """
-    for width in widths(sample_s):
+    for width in _widths(sample_s):
         angle = smooth(position, width)
         cut_hz = 1.0 / (TAU * width * sample_s)
         rounding = step / math.sqrt(12.0) * math.sqrt(2.0 * sample_s * TAU**4 * cut_hz**5 / 5.0)

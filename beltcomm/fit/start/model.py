@@ -35,9 +35,7 @@ def start_model(axis: Axis, recordings: Sequence[Recording]) -> Model:
     Parameters
     ----------
     axis : Axis
-        Data sheets.
     recordings : sequence of Recording
-        Of a run.
 
     Returns
     -------
@@ -56,8 +54,8 @@ def _base_start(axis: Axis, recordings: Sequence[Recording]) -> Model:
     usable = [r for r in recordings if not (r.is_static_map or r.sidecar.held_out)]
     if not usable:
         raise DataError("no recording is left to fit: all are held out or static maps")
-    if not is_belt_axis(axis, usable):
-        return rigid_start(axis, usable)
+    if not _is_belt_axis(axis, usable):
+        return _rigid_start(axis, usable)
     excited = [r for r in usable if r.sidecar.experiment == "frf"] or usable
     counts = int(axis.get("motor.encoder_counts_per_rev") or 65536)
     sheet = data_sheet(axis, usable)
@@ -75,9 +73,7 @@ def data_sheet(axis: Axis, recordings: Sequence[Recording]) -> Model | None:
     Parameters
     ----------
     axis : Axis
-        Data sheets.
     recordings : sequence of Recording
-        Of a run.
 
     Returns
     -------
@@ -85,11 +81,11 @@ def data_sheet(axis: Axis, recordings: Sequence[Recording]) -> Model | None:
         Without friction.
     """
     usable = [r for r in recordings if not (r.is_static_map or r.sidecar.held_out)]
-    if not is_belt_axis(axis, usable):
+    if not _is_belt_axis(axis, usable):
         return None
     excited = [r for r in usable if r.sidecar.experiment == "frf"] or usable
     places = [place for r in excited if (place := r.sidecar.start_position_m) is not None]
-    return sheet_model(axis, float(np.median(places)) if places else 0.0)  # one stiffness is fitted to all places
+    return _sheet_model(axis, float(np.median(places)) if places else 0.0)  # one stiffness is fitted to all places
 
 
 def knows_stiffness(axis: Axis) -> bool:
@@ -110,7 +106,7 @@ def knows_stiffness(axis: Axis) -> bool:
     return axis.get("belt.specific_stiffness_n") is not None and axis.get("belt.pulley_distance_m") is not None
 
 
-def sheet_model(axis: Axis, place_m: float) -> Model:
+def _sheet_model(axis: Axis, place_m: float) -> Model:
     """The data sheets at a place of the carriage, with what the axis file leaves open as it usually is; no friction.
 
     Parameters
@@ -119,11 +115,6 @@ def sheet_model(axis: Axis, place_m: float) -> Model:
         Of any kind.
     place_m : float, m
         Carriage, for the stiffness of a belt.
-
-    Returns
-    -------
-    Model
-        With room where the data sheet says nothing.
     """
     known_belt = knows_stiffness(axis)
     values = {
@@ -148,7 +139,6 @@ def belt_start(axis: Axis, excited: Sequence[Recording], counts_per_rev: int) ->
     Parameters
     ----------
     axis : Axis
-        Data sheets.
     excited : sequence of Recording
         One at least.
     counts_per_rev : int
@@ -161,8 +151,8 @@ def belt_start(axis: Axis, excited: Sequence[Recording], counts_per_rev: int) ->
     """
     record = max(excited, key=lambda r: float(np.std(r.torque)) * np.sqrt(len(r.t_s)))
     if axis.rigid:
-        return rigid_estimate(sheet_model(axis, 0.0), [record])
-    sheet, ratio = sheet_model(axis, record.sidecar.start_position_m or 0.0), axis.transmission_m_rad
+        return rigid_estimate(_sheet_model(axis, 0.0), [record])
+    sheet, ratio = _sheet_model(axis, record.sidecar.start_position_m or 0.0), axis.transmission_m_rad
     # Twice, because the share of the carriage in the friction is assumed and not found: first its level must be known.
     first = first_path(record, sheet, counts_per_rev)
     level = first.model["coulomb.level"]
@@ -181,7 +171,6 @@ def correct_by_slow_motion(found: Model, sheet: Model, recordings: Sequence[Reco
     found, sheet : Model
         First estimate, and data sheets.
     recordings : sequence of Recording
-        Of a run.
 
     Returns
     -------
@@ -206,15 +195,8 @@ def correct_by_slow_motion(found: Model, sheet: Model, recordings: Sequence[Reco
     return found.with_values(values, "first estimate") if fits else found
 
 
-def is_belt_axis(axis: Axis, recordings: Sequence[Recording]) -> bool:
+def _is_belt_axis(axis: Axis, recordings: Sequence[Recording]) -> bool:
     """True if the records are taken at a motor that drives a belt.
-
-    Parameters
-    ----------
-    axis : Axis
-        Of any kind.
-    recordings : sequence of Recording
-        Of a run.
 
     Returns
     -------
@@ -224,7 +206,7 @@ def is_belt_axis(axis: Axis, recordings: Sequence[Recording]) -> bool:
     return axis.get("pulley.effective_radius_m") is not None and all(r.side == "motor" for r in recordings)
 
 
-def rigid_start(axis: Axis, recordings: Sequence[Recording]) -> Model:
+def _rigid_start(axis: Axis, recordings: Sequence[Recording]) -> Model:
     """Inertia, viscous and Coulomb friction by least squares over all records; N m and rad, or N and m, or A and rad.
 
     Parameters

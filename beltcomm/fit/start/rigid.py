@@ -62,7 +62,6 @@ def least_squares(recordings: Sequence[Recording], sheet: float | None = None) -
     Parameters
     ----------
     recordings : sequence of Recording
-        Of a run.
     sheet : float or None
         Inertia where the records show none; without it the largest that they would not show, for a motor of none would fly off.
 
@@ -82,7 +81,7 @@ def least_squares(recordings: Sequence[Recording], sheet: float | None = None) -
         for first, last in record.pieces:
             if last - first < SHORTEST:
                 continue
-            rows, torque, place = low_passed_rows(record.position[first:last], record.torque[first:last], record.sample_period_s, step)
+            rows, torque, place = _low_passed_rows(record.position[first:last], record.torque[first:last], record.sample_period_s, step)
             left.append(rows)
             right.append(torque)
             turns = record.side != "load" and float(np.ptp(place)) > TURNS_RAD if len(place) else False
@@ -108,7 +107,7 @@ def _solved(rows: Array, torque: Array) -> tuple[Array, float]:
     return np.asarray(found), float(rest)
 
 
-def low_passed_rows(position: Array, torque: Array, sample_s: float, step_rad: float) -> tuple[Array, Array, Array]:
+def _low_passed_rows(position: Array, torque: Array, sample_s: float, step_rad: float) -> tuple[Array, Array, Array]:
     """Rows of the rigid equation of motion behind one low-pass, without its ends.
 
     Parameters

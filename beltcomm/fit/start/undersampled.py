@@ -45,14 +45,18 @@ USUAL: Mapping[str, float] = {"coulomb.level": 0.05, "cart_friction.level": 2.0,
 #: Of them those that a first estimate looks for, from these carriages on, kg.
 FIRST = ("cart.mass", "belt_stiffness.stiffness", "viscous.damping", "coulomb.level")
 MASSES_KG = (1.0, 6.0, 30.0)
-#: Eigenvalue times step of the simulation; steps a cell of held torque, longest cell, s; difference quotients, simulations at most.
-STEP, SUBSTEPS, CELL_S, DIFFERENCE, MOST = 0.3, 2, 2.5e-4, 1e-3, 60
+#: Eigenvalue times step of the simulation, in a search and at its end (a resonance is seen too fast by a 24th of its square); steps a
+#: cell of held torque, longest cell, s; difference quotients, simulations at most.
+STEP, FINE, SUBSTEPS, CELL_S, DIFFERENCE, MOST = 0.3, 0.1, 2, 2.5e-4, 1e-3, 60
 #: What no parameter differs from its first value by, as a factor; s, blocks of time that are taken as independent.
 FARTHEST, BLOCK_S = math.log(1e3), 0.5
 #: Dampings of the belt that are tried, over the one thought of before.
 DAMPINGS = (1.0, 0.2, 3.0)
 #: s: rows that come more seldom do not show how a motor swings on its belt.
 SELDOM_S = 1.5e-3
+#: Shares of the sampling rate: up to the first a resonance is sampled well enough, beyond it the motion between the samples is a guess
+#: (1.03 times the noise at 0.18, 1.5 at 0.29); beyond the second no short record shows it.
+SWING_SAMPLED, UNSEEN = 0.2, 0.35
 #: Rows that must show a motion, and the steps of the encoder that are one.
 FEWEST_ROWS, CLEAR_STEPS = 40, 20.0
 #: What counts as nothing; rad a row, of a model that flies off; s, how far the torque's delay may be from what is thought of before.
@@ -66,20 +70,38 @@ LAW = 0.003
 PASSES_DIFFER, PASSES_COUNT = 0.02, 0.002
 
 
-def comes_seldom(recording: Recording) -> bool:
+def comes_seldom(recording: Recording, start: Model, share: float = UNSEEN) -> bool:
     """True if the rows of a record do not show how the motor swings between them, and it tells the torque that was asked for.
 
     Parameters
     ----------
     recording : Recording
         Of any kind.
+    start : Model
+        By the data sheets, whose resonance may be too fast for the rows.
+    share : float
+        Of the sampling rate, up to which it is not.
 
     Returns
     -------
     bool
         False in closed loop.
     """
-    return recording.sample_period_s > SELDOM_S and recording.torque_setpoint is not None and not recording.sidecar.closed_loop
+    if recording.torque_setpoint is None or recording.sidecar.closed_loop:
+        return False
+    return recording.sample_period_s > min(SELDOM_S, share / max(_resonance_hz(start), LEAST))
+
+
+def _resonance_hz(model: Model) -> float:
+    """Frequency at which motor and carriage swing on one spring, Hz; 0 where nothing is known of that.
+
+    w² = k (1/m + r²/J)
+    """
+    known = [name in model.parameters for name in ("belt_stiffness.stiffness", "cart.mass")]
+    if not all(known):
+        return 0.0
+    mass_per_kg = 1.0 / model["cart.mass"] + model["transmission.ratio"] ** 2 / model["motor.inertia"]
+    return math.sqrt(model["belt_stiffness.stiffness"] * mass_per_kg) / math.tau
 
 
 def clearly_moves(recording: Recording, counts_per_rev: int) -> bool:
@@ -139,16 +161,18 @@ class _OpenLoop:
         self._place_m = recording.sidecar.start_position_m or 0.0
         self._time_s = recording.sidecar.session_time_s or 0.0
 
-    def left(self, model: Model, late_s: float, lag_s: float) -> Array:
+    def left(self, model: Model, late_s: float, lag_s: float, step: float) -> Array:
         """From row to row, measured motion less simulated, rad, (n - 1,).
 
         Parameters
         ----------
         late_s, lag_s : float
             Dead time and time constant from torque setpoint to acting torque, s.
+        step : float
+            Fastest eigenvalue times step of the simulation, at most.
         """
         rate = fastest_rate(model, operating_point(model, self._place_m))
-        cells = math.ceil(self.sample_s * max(rate / (STEP * SUBSTEPS), 1.0 / CELL_S))
+        cells = math.ceil(self.sample_s * max(rate / (step * SUBSTEPS), 1.0 / CELL_S))
         held = np.repeat(self._asked, cells)
         whole, share = divmod(max(late_s, 0.0) * cells / self.sample_s, 1.0)
         before = np.concatenate((np.full(int(whole) + 1, self._asked[0]), held))
@@ -179,7 +203,17 @@ class SteadyPasses:
     error_nm: Array
 
     def left(self, model: Model) -> Array:
-        """Torque that the friction of a model leaves, over what it counts with, (n,):  (τ - τ_C sign ω - d ω - τ_0)/σ."""
+        """Torque that the friction of a model leaves, over what it counts with:  (τ - τ_C sign ω - d ω - τ_0)/σ.
+
+        Parameters
+        ----------
+        model : Model
+
+        Returns
+        -------
+        ndarray
+            (n,).
+        """
         friction = total_friction(model) * np.sign(self.speed_rad_s) + total_viscous(model) * self.speed_rad_s
         return np.asarray((self.torque_nm - friction - model.get("constant_offset.torque")) / self._apart(PASSES_COUNT))
 
@@ -208,7 +242,6 @@ def estimate(
     Parameters
     ----------
     recordings : sequence of Recording
-        Of a run.
     start : Model
         Model that the search begins from.
     late_s : float
@@ -241,15 +274,15 @@ def estimate(
     def model_of(x: Array) -> Model:
         return start.with_values(dict(zip(names, map(float, values_of(x)), strict=True)), "final fit")
 
-    def left(x: Array) -> Array:
+    def left(x: Array, step: float = FINE) -> Array:
         model = model_of(x)
-        return np.concatenate([one.left(model, LATE_S * float(x[-2]), LATE_S * float(x[-1])) for one in rows])
+        return np.concatenate([one.left(model, LATE_S * float(x[-2]), LATE_S * float(x[-1]), step) for one in rows])
 
     def beside(x: Array) -> Array:
         return np.append((x - before) / width, passes.left(model_of(x)))
 
-    def cost(x: Array, scatter: float) -> Array:
-        return np.append(left(x) / scatter, beside(x))
+    def cost(x: Array, scatter: float, step: float) -> Array:
+        return np.append(left(x, step) / scatter, beside(x))
 
     # what the model allows, and in it room for a step of the differences
     least, most = np.array([(start.parameters[n].low, start.parameters[n].high) for n in names]).T
@@ -257,17 +290,20 @@ def estimate(
     least[k:], most[k:] = (end[k:] / [SIGNED[n] for n in names[k:]] for end in (least, most))
     low = np.maximum(before - FARTHEST, np.append(least, [-math.inf, -DIFFERENCE]) + DIFFERENCE)
     high = np.minimum(before + FARTHEST, np.append(most, [math.inf, math.inf]) - 2.0 * DIFFERENCE)
+
+    def searched(at: Array, by: float, step: float = STEP) -> tuple[Array, float]:
+        """The best values where what is left scatters by so much, and how much that is; a first search says it for a second one."""
+        at = np.clip(at, low + DIFFERENCE, high - DIFFERENCE)
+        at = least_squares(cost, at, bounds=(low, high), diff_step=[DIFFERENCE], max_nfev=MOST, args=(by, step)).x
+        return at, max(float(np.sqrt(np.mean(left(at, step) ** 2))), LEAST)
+
     found = []
     for factor in DAMPINGS if "belt_damping.damping" in names else (1.0,):  # a swing that the rows hide may be damped as it likes
-        at, by = before.copy(), scatter
+        at = before.copy()
         if factor != 1.0:
             at[names.index("belt_damping.damping")] += math.log(factor)
-        at = np.clip(at, low + DIFFERENCE, high - DIFFERENCE)
-        for _ in range(2):  # the first pass says how much scatter the second one is to count with
-            at = least_squares(cost, at, bounds=(low, high), diff_step=[DIFFERENCE], max_nfev=MOST, args=(by,)).x
-            by = max(float(np.sqrt(np.mean(left(at) ** 2))), LEAST)
-        found.append((by, at))
-    scatter, at = min(found, key=lambda one: one[0])
+        found.append(searched(at, scatter))
+    at, scatter = searched(min(found, key=lambda one: one[1])[0], min(by for _, by in found), FINE)
     rest = left(at)
     slopes, known = (
         np.stack([(of(at + DIFFERENCE * axis) - of(at)) / DIFFERENCE for axis in np.eye(len(at))], axis=1) for of in (left, beside)
@@ -322,6 +358,8 @@ def first_of_seldom(recordings: Sequence[Recording], start: Model) -> Model:
     Model
         The motor's inertia as it was.
     """
-    tries = [estimate(recordings, start.with_values({"cart.mass": mass}), LATE_S, FIRST) for mass in MASSES_KG]
+    mass = start.parameters["cart.mass"]
+    masses = sorted({min(max(mass_kg, mass.low), mass.high) for mass_kg in (*MASSES_KG, mass.value)})
+    tries = [estimate(recordings, start.with_values({"cart.mass": one}), LATE_S, FIRST) for one in masses]
     best = min(tries, key=lambda one: one.left_nm).model
     return start.with_values({name: best[name] for name in FIRST}, "first estimate")

@@ -23,7 +23,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, later
 from beltcomm.compiled import compiled
 from beltcomm.fit.noise.colour import NoiseColour, deconvolve, undone_noise
 from beltcomm.fit.noise.process_torque import ProcessTorque, Unread, process_from_dict, process_to_dict, with_unread
@@ -178,11 +178,15 @@ class DriveLaw:
             Mean over each cell, (n, number), N m.
         """
         whole = math.floor(self.delay)
-        now, before = _later(setpoint, whole), _later(setpoint, whole + 1)
-        old = np.clip((self.delay - whole) * number - np.arange(number), 0.0, 1.0)
+        now, before = later(setpoint, whole), later(setpoint, whole + 1)
+        # A limited slew rate does not see where within a cell its command changes; it may as well act ahead of the delay.
+        ahead = any(lag.kind == "slew rate" for lag in self.lags)
+        old = np.clip((0.0 if ahead else self.delay - whole) * number - np.arange(number), 0.0, 1.0)
         cells = self.gain * (now[:, None] + (before - now)[:, None] * old)
         for lag in self.lags:
             cells = lag.answer(cells, sample_s)
+        if ahead:
+            cells = _late(cells, self.delay - whole)
         return np.asarray(cells)
 
     def delay_s(self, sample_s: float) -> float:
@@ -241,12 +245,8 @@ class ReadingLaw:
             cells = lag.answer(cells, sample_s)
         if self.at_end:
             whole = math.floor(self.late)
-            return _later(torque_at(cells, 1.0 - (self.late - whole)), whole)
-        n, number = cells.shape
-        integral = np.concatenate(([0.0], np.cumsum(cells)))
-        edges = (np.arange(n + 1) - self.late) * number
-        at = np.where(edges < 0.0, edges * cells[0, 0], np.interp(edges, np.arange(len(integral)), integral))
-        return np.asarray(np.diff(at) / number)
+            return later(torque_at(cells, 1.0 - (self.late - whole)), whole)
+        return np.asarray(_late(cells, self.late).mean(axis=1))
 
     def delay_s(self, sample_s: float) -> float:
         """Delay of a slow torque.
@@ -295,6 +295,13 @@ class TorquePath:
     def read_as_acts(self) -> bool:
         """True if the reading is the torque that acts."""
         return self.reading.faithful and not self.commanded
+
+    @property
+    def chain(self) -> DriveLaw | None:
+        """Drive and reading as one law; None without a setpoint."""
+        if self.drive is None:
+            return None
+        return replace(self.drive, delay=self.drive.delay + self.reading.late, lags=(*self.drive.lags, *self.reading.lags))
 
     def likeliest(self, acting: Array, setpoint: Array | None, sample_s: float) -> Array:
         """The torque that acts without most of the sensor's noise: for what moves between the samples.
@@ -581,9 +588,12 @@ def torque_at(cells: Array, share: float) -> Array:
     return here if part == 0.0 else here + part * (beginning(whole + 1) - here)
 
 
-def _later(row: Array, samples: int) -> Array:
-    """The row so many samples later, its first value before."""
-    return np.concatenate((np.full(samples, row[0]), row[: len(row) - samples])) if samples else row
+def _late(cells: Array, periods: float) -> Array:
+    """Cells of a torque so many periods later, (n, cells); it was held before the first one."""
+    row, steps = cells.reshape(-1), periods * cells.shape[1]
+    whole = math.floor(steps)
+    now, before = later(row, whole), later(row, whole + 1)
+    return np.asarray((now + (steps - whole) * (before - now)).reshape(cells.shape))
 
 
 @compiled

@@ -1,6 +1,6 @@
 """Fit of the chain from torque setpoint to reading: the chain of drive and reading together, by least squares; nobody asks the motion here.
 
-reading[n] = g R(setpoint)[n] + offset + noise,   R : a delay and up to two filters, mean over a period or value at its end
+reading[n] = g R(setpoint)[n] + offset + noise,   R : a delay and up to three filters, mean over a period or value at its end
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 
 from beltcomm.arrays import Array
-from beltcomm.fit.noise.level import LEAST_COLOUR, MOST_COLOUR, correlation
-from beltcomm.fit.torque.path import DriveLaw, Kind, Lag, torque_at
+from beltcomm.fit.noise.level import COLOURED, LEAST_COLOUR, MOST_COLOUR, correlation, robust_rms
+from beltcomm.fit.torque.path import DriveLaw, Kind, Lag, TorquePath, torque_at
 from beltcomm.model.value import NORMAL_95
 from beltcomm.recording import Recording
 
@@ -23,6 +23,8 @@ Pair = tuple[Array, Array]
 
 #: Samples that are looked at, the liveliest pieces first, and samples that a piece must hold.
 MOST, SHORTEST = 6000, 200
+#: Of those, the first samples that a search begins with; deviations from a whole delay from which on it is none.
+FEW, FAR = 1500, 20.0
 #: Chains of filters that are tried beside a delay alone.
 CHAINS: tuple[tuple[Kind, ...], ...] = (
     ("sampled",),
@@ -36,6 +38,9 @@ CHAINS: tuple[tuple[Kind, ...], ...] = (
     ("slew rate", "first order"),
     ("slew rate", "sampled"),
     ("sampled", "slew rate"),
+    ("sampled", "slew rate", "first order"),
+    ("sampled", "slew rate", "second order"),
+    ("sampled", "first order", "first order"),
 )
 #: The same where the reading is the torque at the end of the period.
 AT_END: tuple[tuple[Kind, ...], ...] = (
@@ -46,6 +51,9 @@ AT_END: tuple[tuple[Kind, ...], ...] = (
     ("first order", "first order"),
     ("second order", "first order"),
     ("slew rate", "first order"),
+    ("sampled", "slew rate", "first order"),
+    ("sampled", "slew rate", "second order"),
+    ("sampled", "first order", "first order"),
 )
 #: Cells of a period here.
 COARSE = 8
@@ -62,6 +70,17 @@ NEARLY, WHOLE = 60.0, 0.004
 COMMAND = 1e-4
 
 
+def clear_gain(samples: int) -> float:
+    """Fall of -2 ln L from which on one more value, or another path, is clearly better, nats.
+
+    Parameters
+    ----------
+    samples : int
+        Values that the likelihood is of.
+    """
+    return math.log(max(samples, 2)) + CLEAR
+
+
 @dataclass(frozen=True)
 class ReadingFit:
     """The chain from torque setpoint to reading that explains the readings best.
@@ -71,7 +90,7 @@ class ReadingFit:
     law : DriveLaw
         Of drive and reading together, with intervals.
     rest_nm : float
-        Rms it leaves, N m.
+        Rms it leaves, white, N m.
     cost : float
         -2 ln L with ln N for each value.
     samples : int
@@ -84,6 +103,8 @@ class ReadingFit:
         Largest of what is left over its rms.
     rivals : tuple of ReadingFit
         Others that explain the reading nearly as well.
+    noise_nm : float
+        Rms it leaves, of whatever colour, N m.
     delayed : bool
         Whether some whole delay goes with the reading; a slow filter hides that, and a setpoint of another loop has none.
     """
@@ -96,6 +117,7 @@ class ReadingFit:
     at_end: bool = False
     crest_factor: float = math.inf
     rivals: tuple[ReadingFit, ...] = ()
+    noise_nm: float = math.inf
     delayed: bool = True
 
 
@@ -117,9 +139,17 @@ def fit_reading(recordings: Sequence[Recording]) -> ReadingFit | None:
         return None
     free, colour = _free_rest(pairs)
     best = _best_chain(pairs, sample_s, free, colour)
-    if best is not None and any(lag.kind == "slew rate" for lag in best.law.lags):  # no response, however free, knows one
-        best = _best_chain(pairs, sample_s, 0.0, _colour_beside(best, pairs, sample_s), limited=True)
-    return best
+    if best is not None:  # no response, however free, knows a slew rate: what it leaves of one is no noise
+        limited, beside = _limits_slew(best), _colour_beside(best, pairs, sample_s)
+        if limited or beside > COLOURED:
+            other = _best_chain(pairs, sample_s, 0.0, beside, limited=True)
+            if other is not None and (limited or (_limits_slew(other) and other.cost < best.cost - CLEAR)):
+                best = other
+    return best and replace(best, noise_nm=robust_rms(_left(best.law, pairs, sample_s, 0.0, best.at_end)[0]))
+
+
+def _limits_slew(chain: ReadingFit) -> bool:
+    return any(lag.kind == "slew rate" for lag in chain.law.lags)
 
 
 def _best_chain(pairs: Sequence[Pair], sample_s: float, free: float, colour: float, *, limited: bool = False) -> ReadingFit | None:
@@ -143,7 +173,7 @@ def _best_chain(pairs: Sequence[Pair], sample_s: float, free: float, colour: flo
         comes_back = best.rest_nm <= COMMAND * float(np.std(np.concatenate([setpoint for setpoint, _ in pairs])))
         if (comes_back or free <= best.rest_nm <= enough) and abs(best.law.delay - round(best.law.delay)) <= WHOLE:
             return best
-    for number in (1, 2):  # a second filter must be clearly better than one, but not one than another
+    for number in (1, 2, 3):  # one more filter must be clearly better than none, but not one than another
         chains = [(chain, at_end) for at_end, some in ((False, CHAINS), (True, AT_END)) for chain in some if len(chain) == number]
         chains = [(chain, at_end) for chain, at_end in chains if not limited or "slew rate" in chain]
         found = [one for chain, at_end in chains if (one := _fit_chain(pairs, sample_s, chain, colour, at_end)) is not None]
@@ -218,7 +248,7 @@ def _start(chain: tuple[Kind, ...], pairs: Sequence[Pair]) -> list[tuple[float, 
         if kind == "sampled":
             bounds.append(((0.5, -0.5)[number], -5.0, 7.0))
         elif kind == "first order":
-            bounds.append(((-0.7, 0.2)[number], -4.0, 4.0))
+            bounds.append(((-0.7, 0.2, 0.7)[number], -4.0, 4.0))
         elif kind == "slew rate":  # the steepest reading is that limit, with noise
             bounds.append((math.log(0.9 * steepest), math.log(0.2 * steepest), math.log(2.0 * steepest)))
         else:
@@ -244,19 +274,20 @@ def _fit_chain(
     """
     begin = _start(chain, pairs)
     samples = sum(len(setpoint) for setpoint, _ in pairs)
-    skip = math.ceil(LONGEST_DELAY)
 
-    read = np.concatenate([whitened_row(reading, colour)[skip:] for _, reading in pairs])
+    few = [(setpoint[:FEW], reading[:FEW]) for setpoint, reading in pairs[:1]]
 
     def left(x: Array) -> tuple[Array, float]:
-        law = _law(chain, x, sample_s)
-        shown = np.concatenate([whitened_row(_predicted_reading(law, setpoint, sample_s, at_end), colour)[skip:] for setpoint, _ in pairs])
-        shown_0, read_0 = shown - shown.mean(), read - read.mean()
-        gain = float(shown_0 @ read_0) / max(float(shown_0 @ shown_0), 1e-300)
-        return read_0 - gain * shown_0, gain
+        return _left(_law(chain, x, sample_s), pairs, sample_s, colour, at_end)
 
     def rest_at(x: Array) -> Array:
         return left(x)[0]
+
+    def few_at(x: Array) -> Array:
+        return _left(_law(chain, x, sample_s), few, sample_s, colour, at_end)[0]
+
+    def searched(rest: Callable[[Array], Array], x: Array) -> OptimizeResult:
+        return least_squares(rest, x, bounds=(low, high), x_scale=0.1, diff_step=STEP, max_nfev=LONGEST)
 
     def with_delay(x: Array, delay: float) -> Array:
         """The best values beside a delay."""
@@ -273,14 +304,19 @@ def _fit_chain(
     tried = []
     for delay in range(5):
         x = np.array([delay + 0.01, *(item[0] for item in begin)])
-        tried.append((float(np.sum(left(x)[0] ** 2)), x))
+        tried.append((float(np.sum(few_at(x) ** 2)), x))
     low, high = np.array([0.0, *(item[1] for item in begin)]), np.array([LONGEST_DELAY, *(item[2] for item in begin)])
-    for _, x in sorted(tried, key=lambda item: item[0])[:2]:
-        found = least_squares(rest_at, np.clip(x, low, high), bounds=(low, high), x_scale=0.1, diff_step=STEP, max_nfev=LONGEST)
-        for y, values in ((found.x, len(x)), (with_delay(found.x, round(found.x[0])), len(x) - 1)):  # a whole delay is the usual one
-            cost = samples * math.log(max(float(np.mean(rest_at(y) ** 2)), 1e-300)) + values * math.log(samples)
-            if best is None or cost < best[0]:
-                best = (cost, y, values)
+    begun = [searched(few_at, np.clip(x, low, high)) for _, x in sorted(tried, key=lambda item: item[0])[:2]]
+    found = searched(rest_at, min(begun, key=lambda one: one.cost).x)
+    ends = [(found.x, len(begin) + 1)]
+    whole = round(found.x[0])  # the usual delay
+    deviation = math.sqrt(2.0 * found.cost / samples * np.linalg.pinv(found.jac.T @ found.jac)[0, 0])
+    if abs(found.x[0] - whole) < max(WHOLE, FAR * deviation):
+        ends.append((with_delay(found.x, whole), len(begin)))
+    for y, values in ends:
+        cost = samples * math.log(max(float(np.mean(rest_at(y) ** 2)), 1e-300)) + values * math.log(samples)
+        if best is None or cost < best[0]:
+            best = (cost, y, values)
     if best is None:  # no start was finite
         return None
     rest, gain = left(best[1])
@@ -290,6 +326,42 @@ def _fit_chain(
     rms = float(np.sqrt(np.mean(rest**2)))
     crest_factor = float(np.abs(rest).max()) / max(rms, 1e-300)
     return ReadingFit(replace(law, gain=gain), rms, best[0], samples, best[2], at_end, crest_factor)
+
+
+def _left(law: DriveLaw, pairs: Sequence[Pair], sample_s: float, colour: float, at_end: bool) -> tuple[Array, float]:
+    """Rest that a law leaves of the readings, white, (n,) N m, with the likeliest gain and offset; and that gain."""
+    skip = math.ceil(LONGEST_DELAY)
+    read = np.concatenate([whitened_row(reading, colour)[skip:] for _, reading in pairs])
+    shown = np.concatenate([whitened_row(_predicted_reading(law, setpoint, sample_s, at_end), colour)[skip:] for setpoint, _ in pairs])
+    shown_0, read_0 = shown - shown.mean(), read - read.mean()
+    gain = float(shown_0 @ read_0) / max(float(shown_0 @ shown_0), 1e-300)
+    return read_0 - gain * shown_0, gain
+
+
+def unlikely_readings(paths: Sequence[TorquePath], recordings: Sequence[Recording]) -> list[float]:
+    """-2 ln L of the readings by each of some paths, above that by the likeliest; 0 for all where no setpoint changes.
+
+    Parameters
+    ----------
+    paths : sequence of TorquePath
+        Of a drive whose setpoint was recorded.
+    recordings : sequence of Recording
+        With setpoint and reading.
+    """
+    pairs, sample_s = lively_pairs(recordings)
+    chains = [(path.chain, path.reading.at_end) for path in paths]
+    if not pairs:
+        return [0.0] * len(paths)
+
+    def squares(colour: float) -> list[float]:
+        rests = [_left(law, pairs, sample_s, colour, at_end)[0] for law, at_end in chains if law is not None]
+        return [max(float(np.mean(rest**2)), 1e-300) for rest in rests]
+
+    plain = squares(0.0)
+    law, at_end = chains[int(np.argmin(plain))]
+    assert law is not None
+    found = squares(colour_of([_left(law, pairs, sample_s, 0.0, at_end)[0]]))
+    return [sum(len(setpoint) for setpoint, _ in pairs) * math.log(one / min(found)) for one in found]
 
 
 def _deviations(rest_at: Callable[[Array], Array], x: Array, rest: Array) -> Array:

@@ -7,7 +7,8 @@ A : information, B = Σ B_r less that of the rounding (``residual.rounding_bias`
 
 A law that is not quite the machine's makes long segments pull the same way, each kind of record another one; the scatter over time is
 blind to that.  What all records share of it no record can tell: so much is added (:data:`LAW`) to the parameters of every effect that is
-not one of :data:`EXACT`, and to all of them together what the sampling of the motion leaves (:data:`SCALE`).
+not one of :data:`EXACT`, and to all of them together what the sampling of the motion leaves (:data:`SCALE`).  No friction is below 0: what
+that leaves of the intervals is worked out by draws.
 
 Where every model is judged in its own noise, each column of a Jacobian holds noise of its own; its share of the squares is
 
@@ -37,8 +38,11 @@ from beltcomm.fit.noise.whitening import noises
 from beltcomm.fit.records import rounding_torque
 from beltcomm.fit.residual.segment import Segment
 from beltcomm.fit.residual.whitened import noise_paths_of, whitener_of
+from beltcomm.fit.uncertainty.draws import share_within_bounds
 from beltcomm.model import Model
 
+#: Share of the variance that the noise alone gives, below which the groups' scatter says nothing.
+FAINT = 1e-12
 #: s; groups between which the gradient is taken as independent.
 GROUP_S = 2.0
 #: Share of a record that is left out: a parameter that one record alone tells would else have nothing left to be told by.
@@ -65,6 +69,8 @@ NEARLY_WHITE = 0.8
 #: How far the dampings of motor, carriage and belt may each be off for how they are told apart, relative to them: by what the belt's swing
 #: loses, where the motion between the samples is a likeness.  On 44 simulated axes with fine encoders they were off by up to 1.2 %.
 DAMPED, DAMPINGS = 0.01, ("viscous.", "viscous_cart.", "belt_damping.")
+#: Frictions, of which the torque is a linear function: below none of one there is none.
+RUBBING = ("viscous.", "viscous_cart.", "coulomb.", "cart_friction.")
 #: Least degrees of freedom of a comparison among records.
 LEAST_FREEDOM = 2.0
 #: Effects whose law is the machine's own, not a likeness of it; error over the noise from which on something else is at work.
@@ -113,7 +119,13 @@ class ParameterSpread:
     unexplained: float = 1.0
 
     def half_width(self, combination: Mapping[str, float]) -> float | None:
-        """Half the 95 % interval of a sum of parameters with these factors; None where one of them sits at a bound."""
+        """Half the 95 % interval of a sum of parameters with these factors; None where one of them sits at a bound.
+
+        Parameters
+        ----------
+        combination : mapping of str to float
+            Factor of each parameter by its name.
+        """
         if any(name not in self.names or name in self.bound for name in combination):
             return None
         c = np.array([combination.get(name, 0.0) for name in self.names])
@@ -125,6 +137,18 @@ class ParameterSpread:
         freedom = max(float(np.sum(told) ** 2 / np.sum(told**2)), LEAST_FREEDOM)  # Satterthwaite
         among = np.sqrt(float(np.sum((self.moved @ c) ** 2)) * (records - 1) / records)
         return self.unexplained * float(np.hypot(max(over_time, among * float(stdtrit(freedom, 0.975))), beside))
+
+    def share_within_bounds(self, model: Model) -> dict[str, float]:
+        """Share of the half width of each parameter that is left where no friction is below its bound.
+
+        Parameters
+        ----------
+        model : Model
+            Its values and bounds.
+        """
+        low = np.array([model.parameters[name].low if name.startswith(RUBBING) else -np.inf for name in self.names])
+        mean = np.array([model[name] for name in self.names])
+        return dict(zip(self.names, map(float, share_within_bounds(mean, self.covariance, low, self.freedom)), strict=True))
 
 
 #: Models with their intervals, and the nuisance they count with, as long as the fits live that they are of.
@@ -173,9 +197,10 @@ class Information:
         """Over time, (n, n), in units of ``scale``."""
         scatter = self.inverse @ (self.scores.T @ self.scores) @ self.inverse * (len(self.scores) / self.freedom)
         # Between few groups the scatter falls below what the noise alone gives, by chance, or where they are fewer than the parameters.
-        least = np.diag(self.inverse) * max(self.level, 1.0)
-        wider = np.sqrt(np.maximum(least / np.maximum(np.diag(scatter), 1e-300), 1.0))
-        return np.asarray(scatter * np.outer(wider, wider) + self.unknown) + self.elsewhere
+        least, own = np.diag(self.inverse) * max(self.level, 1.0), np.diag(scatter)
+        told = own > FAINT * least
+        wider = np.sqrt(np.maximum(np.divide(least, own, out=np.ones_like(own), where=told), 1.0))
+        return np.asarray(scatter * np.outer(wider, wider) + np.diag(np.where(told, 0.0, least)) + self.unknown) + self.elsewhere
 
 
 def information_of(fitted: Fitted) -> Information:
@@ -218,17 +243,17 @@ def information_of(fitted: Fitted) -> Information:
     of_block[problem.blocks] = weights**2
     pulled = (of_block / problem.count)[:, None] * slope[:, free] / norms
     gradient = columns * left[:, None] - 0.5 * pulled[problem.blocks]
-    records = records_of(problem)
+    records = _records_of(problem)
     if not len(records):
         raise DataError("no sample of the records counts in this fit; record again, longer or at a shorter period")
     alike = of_block * np.array([not piece.own_noise for piece in problem.pieces])[problem.piece_of_block]
-    turned = np.tensordot(alike, curvature, 1) + noise_information(problem, fitted.x, weights)
+    turned = np.tensordot(alike, curvature, 1) + _noise_information(problem, fitted.x, weights)
     turned = turned[free[:, None], free] / np.outer(norms, norms)
     parts = np.array([columns[records == r].T @ columns[records == r] for r in range(int(records.max()) + 1)])
     whole = parts.sum(axis=0)
-    inverse, unknown = inverse_of(whole - turned * least_left(whole, turned))
+    inverse, unknown = _inverse_of(whole - turned * _least_left(whole, turned))
     names = tuple(problem.free[i] for i in free)
-    scores, pulls = sum_by_label(gradient, time_blocks(problem.pieces, GROUP_S)), sum_by_label(gradient, records)
+    scores, pulls = _sum_by_label(gradient, time_blocks(problem.pieces, GROUP_S)), _sum_by_label(gradient, records)
     elsewhere = np.zeros_like(inverse)
     if problem.nuisance is not None:
         others, known = problem.nuisance.columns * weights[:, None], problem.nuisance.information
@@ -243,7 +268,7 @@ def information_of(fitted: Fitted) -> Information:
     return Information(names, scale, scores, pulls, parts, inverse, unknown, float(np.mean(left**2)), elsewhere)
 
 
-def at_bound(fitted: Fitted) -> BoolArray:
+def _at_bound(fitted: Fitted) -> BoolArray:
     """Parameters of a fit that sit at a bound, (n,)."""
     problem, own = fitted.problem, len(fitted.problem.free)
     found: BoolArray = ((fitted.x <= problem.low + 1e-9) | (fitted.x >= problem.high - 1e-9))[:own]
@@ -264,7 +289,7 @@ def parameter_spread(fitted: Fitted) -> ParameterSpread:
         In the units of the parameters.
     """
     told, model = information_of(fitted), fitted.model
-    moved, shares = without_each(told)
+    moved, shares = _without_each(told)
     names, scale = told.names, told.scale
     loose = tuple(f"{effect}." for effect in model.effects if effect not in EXACT)
     values = np.array([model[name] for name in names])
@@ -280,7 +305,7 @@ def parameter_spread(fitted: Fitted) -> ParameterSpread:
     if not loose and fitted.ratio < UNEXPLAINED:  # nothing that pulls long segments one way: chance is told by time alone
         moved, shares = moved[:0], shares[:0]
     scale = scale * wider
-    units, sits = np.outer(scale, scale), at_bound(fitted)
+    units, sits = np.outer(scale, scale), _at_bound(fitted)
     bound = frozenset(name for name, sat in zip(fitted.problem.free, sits, strict=True) if sat)
     left = fitted.ratio if fitted.ratio >= UNEXPLAINED else 1.0
     if SWINGS_UNSEEN in model.effects and fitted.held_out_ratio is not None:
@@ -316,16 +341,15 @@ def unbounded_estimates(fitted: Fitted) -> dict[str, tuple[float, float]]:
     Parameters
     ----------
     fitted : Fitted
-        Model, fitted to the records.
     """
-    if not at_bound(fitted).any():
+    if not _at_bound(fitted).any():
         return {}
     told = information_of(fitted)
     ahead, deviation = -told.inverse @ told.scores.sum(axis=0) * told.scale, np.sqrt(np.diag(told.covariance)) * told.scale
     return {name: (fitted.model[name] + float(a), float(d)) for name, a, d in zip(told.names, ahead, deviation, strict=True)}
 
 
-def least_left(information: Array, off: Array) -> float:
+def _least_left(information: Array, off: Array) -> float:
     """Share of what rounding takes off an information that leaves :data:`LEAST_LEFT` of it in every direction: 1 where it does anyway."""
     values, vectors = np.linalg.eigh(information)
     root = vectors / np.sqrt(np.maximum(values, NOTHING * values[-1]))
@@ -333,7 +357,7 @@ def least_left(information: Array, off: Array) -> float:
     return min(1.0, (1.0 - LEAST_LEFT) / most) if most > 0.0 else 1.0
 
 
-def inverse_of(information: Array) -> tuple[Array, Array]:
+def _inverse_of(information: Array) -> tuple[Array, Array]:
     """Its inverse, and the variance, a huge one, in the directions of which the data say nothing: those are not known exactly."""
     values, vectors = np.linalg.eigh(information)
     least = NOTHING * values[-1]
@@ -341,23 +365,23 @@ def inverse_of(information: Array) -> tuple[Array, Array]:
     return (vectors / np.maximum(values, least)) @ vectors.T, unseen @ unseen.T / least
 
 
-def sum_by_label(rows: Array, labels: IntArray) -> Array:
+def _sum_by_label(rows: Array, labels: IntArray) -> Array:
     """Sum over each group, (groups, n), of (values, n)."""
     sums = np.zeros((int(labels.max()) + 1, rows.shape[1]))
     np.add.at(sums, labels, rows)
     return sums
 
 
-def records_of(problem: Problem) -> IntArray:
+def _records_of(problem: Problem) -> IntArray:
     """Running number of the record of every value of the residual."""
     numbers = {name: i for i, name in enumerate(dict.fromkeys(piece.record for piece in problem.pieces))}
     return np.repeat([numbers[piece.record] for piece in problem.pieces], [len(piece.value_samples) for piece in problem.pieces])
 
 
-def without_each(told: Information) -> tuple[Array, Array]:
+def _without_each(told: Information) -> tuple[Array, Array]:
     """Shift of the parameters without each record, (records, n), in ``scale``, and its share of their variance, (records, n, n)."""
     whole = told.parts.sum(axis=0)
-    pulls = [whole @ inverse_of(whole - LEFT_OUT * part)[0] @ pull for part, pull in zip(told.parts, told.pulls, strict=True)]
+    pulls = [whole @ _inverse_of(whole - LEFT_OUT * part)[0] @ pull for part, pull in zip(told.parts, told.pulls, strict=True)]
     return np.array(pulls) @ told.inverse, told.inverse @ told.parts @ told.inverse
 
 
@@ -377,15 +401,16 @@ def with_intervals(fitted: Fitted) -> Model:
     nuisance, known = _KNOWN.get(fitted, (None, None))
     if known is None or nuisance is not fitted.problem.nuisance:
         spread = parameter_spread(fitted)
-        parameters = dict(fitted.model.parameters)
+        parameters, share = dict(fitted.model.parameters), spread.share_within_bounds(fitted.model)
         for name in fitted.problem.free:
-            parameters[name] = replace(parameters[name], interval=spread.half_width({name: 1.0}))
+            half = spread.half_width({name: 1.0})
+            parameters[name] = replace(parameters[name], interval=half if half is None else half * share[name])
         known = replace(fitted.model, parameters=parameters)
         _KNOWN[fitted] = fitted.problem.nuisance, known
     return known
 
 
-def noise_information(problem: Problem, x: Array, weights: Array) -> Array:
+def _noise_information(problem: Problem, x: Array, weights: Array) -> Array:
     """Expected sum of squares of the module, (p, p), in nats per scaled unknown squared.
 
     Parameters
@@ -408,15 +433,15 @@ def noise_information(problem: Problem, x: Array, weights: Array) -> Array:
         if not piece.own_noise:
             continue
         weight = weights[problem.ends[i] : problem.ends[i + 1]]
-        base = draw_of_noise(piece, here, i)
+        base = _draw_of_noise(piece, here, i)
         columns = np.stack(
-            [weight * (draw_of_noise(piece, other, i) - base) / step for other, (step, _) in zip(beside, ahead, strict=True)], 1
+            [weight * (_draw_of_noise(piece, other, i) - base) / step for other, (step, _) in zip(beside, ahead, strict=True)], 1
         )
         found[at[:, None], at] += columns.T @ columns
     return found
 
 
-def draw_of_noise(piece: Segment, model: Model, seed: int) -> Array:
+def _draw_of_noise(piece: Segment, model: Model, seed: int) -> Array:
     """One draw, by ``seed``, of the noises of a segment as a model passes them on, over the deviation that it expects; (values,)."""
     along = noise_paths_of(piece, model)
     levels = [noises(path, piece.step_rad, piece.noise_nm, piece.rounding, piece.colour) for path in along.paths]

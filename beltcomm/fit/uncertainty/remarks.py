@@ -1,4 +1,4 @@
-"""Uncertainty of a fit in words: limits of parameters at a bound, what is known badly; and draws of parameters as uncertain as that."""
+"""Uncertainty of a fit in words: limits of parameters at a bound, what is known badly."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BADLY_APART = 0.95
 BEYOND = 3.0
 
 
-def upper_limit(estimate: float, deviation: float) -> float:
+def _upper_limit(estimate: float, deviation: float) -> float:
     """Upper 95 % limit of a quantity that cannot be negative, seen as estimate ± deviation (normal, cut off at 0).
 
     Φ((estimate - limit)/deviation) = 0.05 Φ(estimate/deviation)
@@ -79,7 +79,7 @@ def _none_seen(name: str, item: Value, estimate: float, deviation: float) -> str
     if item.low != 0.0:
         return f"{name} sits at its bound {item.value:g} {item.unit}, which suits the data"
     title = effect_named(name.partition(".")[0]).title
-    return f"no {title} seen (below {upper_limit(estimate, deviation):.2g} {item.unit})"
+    return f"no {title} seen (below {_upper_limit(estimate, deviation):.2g} {item.unit})"
 
 
 def remarks_on_pairs(names: Sequence[str], items: Sequence[Value], correlation: Array) -> list[str]:
@@ -106,34 +106,3 @@ def remarks_on_pairs(names: Sequence[str], items: Sequence[Value], correlation: 
         for j in range(i + 1, len(names))
         if abs(correlation[i, j]) > BADLY_APART and (badly[i] or badly[j])
     ]
-
-
-def joint_draws(mean: Array, covariance: Array, low: Array, high: Array, count: int, *, freedom: float = math.inf, seed: int) -> Array:
-    """Sets of parameters as uncertain as a fit leaves them, (count, k): multivariate Student t, cut off at the bounds.
-
-    x = mean + C^(1/2) n √(f/χ²_f),   n standard normal (k,), one χ² per draw.
-
-    Parameters
-    ----------
-    mean : ndarray (k,)
-        Values of the fit.
-    covariance : ndarray
-        C, (k, k), of the fit, with f degrees of freedom; inf is normal.
-    low, high : ndarray (k,)
-    count : int
-        Of the draws.
-    freedom : float
-        f.
-    seed : int
-        Of the draws.
-
-    References
-    ----------
-    The intervals' own law; Gelman et al., Bayesian Data Analysis, A.1.
-    """
-    random = np.random.default_rng(seed)
-    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    normal = random.standard_normal((count, len(mean)))
-    wide = np.ones(count) if math.isinf(freedom) else np.sqrt(freedom / random.chisquare(freedom, count))
-    return np.asarray(np.clip(mean + wide[:, None] * (normal @ root.T), low, high))
