@@ -27,7 +27,10 @@ def command(frame: Invocation, /, effect: str, run: Path, start: tuple[str, ...]
     Example: beltcomm add cogging runs/axis-1
     """
     frame.run = run
-    values = dict(_value(text) for text in start)
+    given = [_value(effect, text) for text in start]
+    values = dict(given)
+    if twice := next((name for name in values if sum(name == other for other, _ in given) > 1), ""):
+        raise UsageError(f"--start says {twice} twice; give each value once")
     return frame.show(
         api("beltcomm.jobs.change").add_to_run(
             effect, run, start=values or None, cost=cost, pictures=pictures, command=frame.line(), when=today(), talk=frame.talk()
@@ -35,7 +38,7 @@ def command(frame: Invocation, /, effect: str, run: Path, start: tuple[str, ...]
     )
 
 
-def _value(text: str) -> tuple[str, float]:
+def _value(effect: str, text: str) -> tuple[str, float]:
     """``name=value``; the effect's own name before it does no harm."""
     name, equals, number = (part.strip() for part in text.partition("="))
     try:
@@ -44,4 +47,4 @@ def _value(text: str) -> tuple[str, float]:
         value = math.nan
     if not math.isfinite(value):
         raise UsageError(f"--start {text} is no start value; write NAME=VALUE in SI, such as order=12")
-    return name.rpartition(".")[2], value
+    return name.removeprefix(f"{effect}."), value

@@ -40,7 +40,6 @@ def aftermath(
     words : sequence of str
         Of the command line.
     run : Path
-        Of the run folder.
     events : sequence of str
         That it noted.
     drive : str

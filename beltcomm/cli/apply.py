@@ -9,15 +9,23 @@ import click
 
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Invocation, api
+from beltcomm.cli.help import About, option
 
 
 @click.command("apply")
 @shared.writing_options
 @shared.force_option
-@click.option("--verify", "shown", is_flag=True, help="Show by a small move that they do what was predicted, before --save; else put back.")
-@click.option(
+@option(
+    "--verify",
+    "shown",
+    is_flag=True,
+    help="Show by a small move that they do what was predicted, before --save; else put back.",
+    brief="A small move proves them before --save.",
+)
+@option(
     "--position",
     "position_m",
+    topic=About.MOTION,
     type=shared.QuantityType("position_m"),
     help="With --verify: where the carriage is, when the drive has no zero.",
 )

@@ -10,6 +10,8 @@ import click
 
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Invocation, api, axis_for, run_folder
+from beltcomm.cli.help import About, option
+from beltcomm.cli.specification import specification_of, specification_options
 from beltcomm.language import tr
 
 
@@ -22,13 +24,23 @@ from beltcomm.language import tr
 @shared.payload_option
 @shared.prefilter_option
 @shared.feedforward_option
-@shared.specification_options
+@specification_options
 @shared.apply_option
 @shared.target_option
 @click.option("--quick", is_flag=True, help="Fewer records, at one position: wider intervals.")
-@click.option("--thorough", is_flag=True, help="All that the search for missing effects needs, up to 180 s.")
-@click.option("--visible", is_flag=True, help="Say beforehand, a line each, how weak an effect the records could name; with --quick, too.")
-@click.option("--report/--no-report", default=True, help="A page on the run at the end, RUN/report.html; made when left out.")
+@option(
+    "--thorough",
+    is_flag=True,
+    help="All that the search for missing effects needs, up to 180 s.",
+    brief="All that a search for effects needs, up to 180 s.",
+)
+@option(
+    "--visible",
+    topic=About.MOTION,
+    is_flag=True,
+    help="Say beforehand, a line each, how weak an effect the records could name; with --quick, too.",
+)
+@option("--report/--no-report", topic=About.OUTPUT, default=True, help="A page on the run at the end, RUN/report.html; made when left out.")
 @shared.output_options
 @click.pass_obj
 def command(
@@ -44,6 +56,6 @@ def command(
 
     known = with_targets(axis_for(axis, drive, run, resume), targets)
     frame.run = run_folder(run, known.name)
-    asked = shared.specification_of(given)
+    asked = specification_of(given)
     options = frame.options(resume=resume, search=True, **given)
     return frame.show(api().commission(drive, known, frame.run, specification=asked, options=options, talk=frame.talk()))

@@ -5,22 +5,18 @@ Installed by ``eval "$(_BELTCOMM_COMPLETE=bash_source beltcomm)"`` in ``~/.bashr
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import os
+import shlex
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from click import Context, Parameter
+from click.shell_completion import BashComplete, CompletionItem, add_completion_class
 
 from beltcomm.borders import for_terminal
 
-if TYPE_CHECKING:
-    from click.shell_completion import CompletionItem
-import os
-import shlex
-from typing import Any
-
-from click.shell_completion import BashComplete, CompletionItem, add_completion_class
-
+Completion = Callable[[Context, Parameter, str], list[CompletionItem]]
 #: What makes a folder a run, where its present model is, and what the kernel calls a CAN interface.
 RECORDS, MODEL_FILE, CAN_TYPE = "recordings", "models/final.yaml", "280"
 
@@ -31,70 +27,33 @@ def drives(_ctx: Context, _param: Parameter, incomplete: str) -> list[str]:
     Parameters
     ----------
     _ctx, _param : Context
-        Of click.
     incomplete : str
         Word on the line so far.
     """
-    from beltcomm.configfiles import config_names
-
-    known = ["virtual", *(f"virtual:{name}" for name in config_names("plants")), "serial:virtual"]
+    known = ["virtual", *(f"virtual:{name}" for name in _names("plants")), "serial:virtual"]
     return _beginning([*known, *_can_interfaces(), *_serial_ports()], incomplete)
 
 
-def profiles(_ctx: Context, _param: Parameter, incomplete: str) -> list[str]:
-    """Drive profiles.
+def _names(kind: str) -> list[str]:
+    from beltcomm.configfiles import config_names  # YAML takes longer to import than --help may last
 
-    Parameters
-    ----------
-    _ctx, _param : Context
-        Of click.
-    incomplete : str
-        Word on the line so far.
-    """
-    from beltcomm.configfiles import config_names
-
-    return _beginning(config_names("drives"), incomplete)
+    return config_names(kind)
 
 
-def slaves(_ctx: Context, _param: Parameter, incomplete: str) -> list[str]:
-    """Drives that the virtual one can play.
+def _shipped(kind: str, *, or_files: bool = False) -> Completion:
+    """Names of the shipped files of a kind; with the YAML files of the folder where a path does as well."""
 
-    Parameters
-    ----------
-    _ctx, _param : Context
-        Of click.
-    incomplete : str
-        Word on the line so far.
-    """
-    from beltcomm.configfiles import config_names
+    def complete(_ctx: Context, _param: Parameter, incomplete: str) -> list[CompletionItem]:
+        names = _beginning(_names(kind), incomplete)
+        # with names offered, a shell looks for files only where none begins so: the YAML files here are offered like names
+        files = _beginning(_yaml_files(incomplete), incomplete) if or_files else []
+        return [*([CompletionItem(incomplete, type="file")] if or_files else []), *map(CompletionItem, [*names, *files])]
 
-    return _beginning(config_names("slaves"), incomplete)
+    return complete
 
 
-def axes(_ctx: Context, _param: Parameter, incomplete: str) -> list[CompletionItem]:
-    """Shipped axes, and files.
-
-    Parameters
-    ----------
-    _ctx, _param : Context
-        Of click.
-    incomplete : str
-        Word on the line so far.
-    """
-    return _names_and_files("axes", incomplete)
-
-
-def plants(_ctx: Context, _param: Parameter, incomplete: str) -> list[CompletionItem]:
-    """Shipped plants, and files.
-
-    Parameters
-    ----------
-    _ctx, _param : Context
-        Of click.
-    incomplete : str
-        Word on the line so far.
-    """
-    return _names_and_files("plants", incomplete)
+profiles, slaves = _shipped("drives"), _shipped("slaves")
+axes, plants = _shipped("axes", or_files=True), _shipped("plants", or_files=True)
 
 
 def effects(_ctx: Context, _param: Parameter, incomplete: str) -> list[str]:
@@ -103,7 +62,6 @@ def effects(_ctx: Context, _param: Parameter, incomplete: str) -> list[str]:
     Parameters
     ----------
     _ctx, _param : Context
-        Of click.
     incomplete : str
         Word on the line so far.
     """
@@ -118,7 +76,6 @@ def effects_to_add(ctx: Context, param: Parameter, incomplete: str) -> list[str]
     Parameters
     ----------
     ctx, param : Context
-        Of click.
     incomplete : str
         Word on the line so far.
     """
@@ -132,7 +89,6 @@ def effects_to_remove(ctx: Context, param: Parameter, incomplete: str) -> list[s
     Parameters
     ----------
     ctx, param : Context
-        Of click.
     incomplete : str
         Word on the line so far.
     """
@@ -145,26 +101,13 @@ def runs(_ctx: Context, _param: Parameter, incomplete: str) -> list[CompletionIt
     Parameters
     ----------
     _ctx, _param : Context
-        Of click.
     incomplete : str
         Word on the line so far.
     """
-    from click.shell_completion import CompletionItem
-
     folder, slash, name = incomplete.rpartition("/")
     here = Path(folder + slash or ".")
     found = {path.parent for pattern in (f"{name}*", f"{name}*/*") for path in here.glob(f"{pattern}/{RECORDS}")}
     return [CompletionItem(incomplete, type="dir"), *map(CompletionItem, _beginning(map(str, sorted(found)), ""))]
-
-
-def _names_and_files(kind: str, incomplete: str) -> list[CompletionItem]:
-    from click.shell_completion import CompletionItem
-
-    from beltcomm.configfiles import config_names
-
-    # with names offered, a shell looks for files only where none begins so: the YAML files here are offered like names
-    here = _beginning(_yaml_files(incomplete), incomplete)
-    return [CompletionItem(incomplete, type="file"), *map(CompletionItem, [*_beginning(config_names(kind), incomplete), *here])]
 
 
 def _yaml_files(incomplete: str) -> list[str]:

@@ -9,6 +9,7 @@ import click
 from beltcomm.cli import completion
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Invocation, api
+from beltcomm.cli.help import About, option
 from beltcomm.errors import UsageError
 
 
@@ -18,9 +19,9 @@ from beltcomm.errors import UsageError
 @click.option("--ki", type=float, metavar="K_I", help="Of the cascade's velocity loop, N m/rad.")
 @click.option("--kpp", type=float, metavar="K_PP", help="Of the cascade's position loop, 1/s.")
 @click.option("--pid", type=float, nargs=3, metavar="P I D", help="N m/rad, N m/(rad s), N m s/rad.")
-@click.option("--weight", type=float, help="Setpoint weight b of the PID's P; 1 when left out, the error itself.")
-@click.option("--velocity-gain", type=float, help="The PID's gain on the reference velocity, N m s/rad; D when left out.")
-@click.option("--velocity-feedforward", type=float, help="K_v of the cascade; 1 when left out.")
+@option("--weight", topic=About.CONTROLLER, type=float, help="Setpoint weight b of the PID's P; 1 when left out, the error itself.")
+@option("--velocity-gain", topic=About.CONTROLLER, type=float, help="The PID's gain on the reference velocity, N m s/rad; D when left out.")
+@option("--velocity-feedforward", topic=About.CONTROLLER, type=float, help="K_v of the cascade; 1 when left out.")
 @click.option(
     "--velocity-filter", "velocity_filter_s", type=shared.QuantityType("velocity_filter_s"), help="T_R of (6.1); 0 when left out."
 )

@@ -9,6 +9,7 @@ import click
 
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Invocation, api, options_of
+from beltcomm.cli.specification import specification_of, specification_options
 
 
 @click.command("design")
@@ -16,7 +17,7 @@ from beltcomm.cli.frame import Invocation, api, options_of
 @shared.payload_option
 @shared.prefilter_option
 @shared.feedforward_option
-@shared.specification_options
+@specification_options
 @shared.asked_pictures_option
 @shared.output_options
 @click.pass_obj
@@ -26,6 +27,6 @@ def command(frame: Invocation, /, run: Path, pictures: bool, **given: Any) -> in
     Example: beltcomm design runs/axis-1 --payload 20
     """
     frame.run = run
-    asked = shared.specification_of(given)
+    asked = specification_of(given)
     options = options_of(**given)
     return frame.show(api().design(run, specification=asked, pictures=pictures, command=frame.line(), options=options, talk=frame.talk()))

@@ -11,6 +11,7 @@ from rich.text import Text
 
 from beltcomm.cli.pace import Pace, clock_words, load_at, machine_left, millimetres
 from beltcomm.language import tr
+from beltcomm.quantities import three_digits
 from beltcomm.talk import CarriagePosition, Gauge
 
 if TYPE_CHECKING:
@@ -50,14 +51,26 @@ class Display:
         self.phase(number, title)
 
     def phase(self, number: str, title: str) -> None:
-        """The next phase of the same job."""
+        """The next phase of the same job.
+
+        Parameters
+        ----------
+        number : str
+            ``2/5``, or ``2`` where nobody knows of how many.
+        title : str
+        """
         self.number, self.title = number, title
         self.place, self._fraction, self._left = None, None, ""
         self._told_s = self._clock()
         self._pace.begin()
 
     def moving(self, place: CarriagePosition) -> None:
-        """Show the carriage's place; the largest load of a record stays in sight."""
+        """Show the carriage's place; the largest load of a record stays in sight.
+
+        Parameters
+        ----------
+        place : CarriagePosition
+        """
         if self.place is None or self.place.record != place.record:
             self._peaks.clear()
         for gauge in place.gauges:
@@ -66,7 +79,14 @@ class Display:
         self._most_left_s = max(self._most_left_s, place.left_s or 0.0)
 
     def progress(self, fraction: float, seconds_left: float | None) -> None:
-        """Of the record that is made, or of the calculation; only a record has seconds that are known."""
+        """Of the record that is made, or of the calculation; only a record has seconds that are known.
+
+        Parameters
+        ----------
+        fraction : float, 0 to 1
+        seconds_left : float or None
+            None for a calculation.
+        """
         self._told_s = self._clock()
         if seconds_left is None:
             self.place = None
@@ -74,7 +94,18 @@ class Display:
         self._left = self._pace.left(fraction, seconds_left)
 
     def ended(self, done: bool) -> str:
-        """Leave one line of it."""
+        """Leave one line of it.
+
+        Parameters
+        ----------
+        done : bool
+            False where it was broken off.
+
+        Returns
+        -------
+        str
+            The line.
+        """
         if not done:
             return f"{self.number} {self.title}: {tr('not finished')}"
         if found := self._found_words():
@@ -103,7 +134,7 @@ class Display:
         elif silent_s > SILENT_S:
             yield Text(f"{INDENT}{tr('computing')}{'.' * (1 + int(silent_s) % 3)}", "dim")
         if self.place is not None:
-            yield window_line(self.place, width, options.ascii_only)
+            yield _window_line(self.place, width, options.ascii_only)
             for gauge in self.place.gauges:
                 yield _gauge_line(gauge, width, self._peaks.get(gauge.name, 0.0))
         if self._found:
@@ -127,7 +158,8 @@ class Display:
 
 def _gauge_line(gauge: Gauge, width: int, peak: float = 0.0) -> Text:
     """``torque   [####..|...]  0.23 of 3.1 N m, peak 0.3``: its bar is as full as the limit is reached."""
-    before, after = f"{INDENT}{tr(gauge.name):<8} [", f"]  {_digits(gauge, gauge.value)} {tr('of')} {_plain(gauge.limit)} {gauge.unit}"
+    before = f"{INDENT}{tr(gauge.name):<8} ["
+    after = f"]  {_digits(gauge, gauge.value)} {tr('of')} {three_digits(gauge.limit)} {gauge.unit}"
     most = f"{after}, {tr('peak')} {_digits(gauge, peak)}"
     length = min(LONGEST - 26, width - len(before) - len(most))
     if length < SHORTEST:
@@ -141,16 +173,11 @@ def _gauge_line(gauge: Gauge, width: int, peak: float = 0.0) -> Text:
     return Text.assemble(before, (cells[:full], style), cells[full:], most)
 
 
-def _plain(limit: float) -> str:
-    """Three digits, without powers of ten."""
-    return f"{limit:.0f}" if limit >= 1000.0 else f"{limit:.3g}"
-
-
 def _digits(gauge: Gauge, value: float) -> str:
     return f"{abs(value):.0f}" if gauge.limit >= 10.0 else f"{abs(value):.2f}"
 
 
-def window_line(place: CarriagePosition, width: int, ascii_only: bool = False) -> Text:
+def _window_line(place: CarriagePosition, width: int, ascii_only: bool = False) -> Text:
     """``0 mm [····|······] 570 mm, carriage at 124 mm``, no wider than the terminal; without a bar where the window is not known."""
     here = load_at(place)
     low, high = place.window_m

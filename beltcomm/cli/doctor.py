@@ -9,13 +9,19 @@ import click
 
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import VIRTUAL_AXIS, Invocation, api, options_of
+from beltcomm.cli.help import About, option
 
 
 @click.command("doctor")
 @partial(shared.drive_options, needed=False)
 @shared.axis_option
 @click.option("--try-bitrates", is_flag=True, help="When nobody answers: try the usual bit rates, listening first.")
-@click.option("--sync-test", is_flag=True, help="Map two transmit PDOs for a second, stage off, and count the answers to SYNC.")
+@option(
+    "--sync-test",
+    topic=About.MOTION,
+    is_flag=True,
+    help="Map two transmit PDOs for a second, stage off, and count the answers to SYNC.",
+)
 @shared.output_options
 @click.pass_obj
 def command(frame: Invocation, /, drive: str | None, axis: str | None, try_bitrates: bool, sync_test: bool, **given: Any) -> int:

@@ -10,13 +10,24 @@ import click
 
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Invocation, api, options_of
+from beltcomm.cli.help import option
 
 
 @click.command("drives")
 @partial(shared.drive_options, needed=False)
-@click.option("--new", type=click.Path(path_type=Path), metavar="FILE", help="Write a commented profile, from --drive, --eds or both.")
-@click.option(
-    "--eds", type=click.Path(path_type=Path), metavar="FILE", help="Show an EDS or DCF: its objects, what it had wrong; or for --new."
+@option(
+    "--new",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Write a commented profile, from --drive, --eds or both.",
+    brief="Write a profile, from --drive, --eds or both.",
+)
+@option(
+    "--eds",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Show an EDS or DCF: its objects, what it had wrong; or for --new.",
+    brief="Show an EDS or DCF; or for --new.",
 )
 @click.option("--yes", is_flag=True, help="Overwrite the file of --new without asking.")
 @shared.output_options

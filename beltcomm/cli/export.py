@@ -8,31 +8,35 @@ import click
 
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Invocation, api, options_of, today
+from beltcomm.cli.help import option
 
 
 @click.command("export")
 @shared.run_argument
-@click.option(
+@option(
     "--format",
     "format_",
     required=True,
     type=shared.WordChoice(["yaml", "c", "st", "dcf", "mcap"]),
     help="yaml: coefficients and equations; c: one C99 file; st: an IEC 61131-3 function block; dcf: what goes into the drive (CiA 306); "
     "mcap: the recordings, for PlotJuggler and Foxglove.",
+    brief="yaml, c, st (IEC 61131-3), dcf (CiA 306) or mcap.",
 )
 @click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="Write to FILE; to stdout when left out.")
-@click.option(
+@option(
     "--torque-limit",
     "torque_limit_nm",
     type=shared.QuantityType("torque_limit_nm"),
     help="Largest torque of the controller at the motor shaft; the drive's peak torque when left out.",
+    brief="Largest, at the motor shaft; the drive's peak without.",
 )
-@click.option(
+@option(
     "--part",
     type=shared.WordChoice(["controller", "encoder"]),
     default="controller",
     show_default=True,
     help="Of yaml, c and st: the cascade; or velocity from the edges of the encoder, at the run's resolution and sampling.",
+    brief="controller (if left out) or encoder.",
 )
 @click.option(
     "--tick", "tick_s", type=shared.QuantityType("tick_s"), default=None, help="Of the encoder: unit in which edges are timed; else 10 ns."

@@ -25,7 +25,7 @@ from beltcomm.cli.terminal import echo, failure
 from beltcomm.errors import BeltcommError, DataError, UsageError
 from beltcomm.given import pasted, place
 from beltcomm.journal import events_of
-from beltcomm.language import tr
+from beltcomm.language import told, tr
 from beltcomm.locks import UNWRITABLE
 from beltcomm.version import __version__
 
@@ -126,7 +126,18 @@ class Invocation:
         return events_of(self._run)[self._events_before :] if self._run else []
 
     def guarded(self, command: Callable[[], Any]) -> int:
-        """Run a command and return its exit code; every exception becomes a sentence on stderr.  Then what it leaves behind is written."""
+        """Run a command and return its exit code; every exception becomes a sentence on stderr.  Then what it leaves behind is written.
+
+        Parameters
+        ----------
+        command : callable
+            Its exit code counts where it returns one.
+
+        Returns
+        -------
+        int
+            Exit code.
+        """
         code = self._guarded(command)
         if self._traces is not None:
             verb = self.words[0]
@@ -135,7 +146,13 @@ class Invocation:
         return code
 
     def options(self, **values: Any) -> Any:
-        """:func:`options_of` for a command that opens a drive, whose frames may have to be kept."""
+        """:func:`options_of` for a command that opens a drive, whose frames may have to be kept.
+
+        Parameters
+        ----------
+        **values : Any
+            As of :func:`options_of`, but for ``drive``.
+        """
         from beltcomm.cli.traces import Traces
 
         self._traces = Traces(self.drive, self.bus_log)
@@ -204,21 +221,39 @@ class Invocation:
         return self._failed(f"an unexpected error stopped this command: {type(error).__name__}: {error}{where}", 1)
 
     def show(self, result: CommandResult) -> int:
-        """Print a result, as one JSON object or as lines; returns its exit code."""
+        """Print a result, as one JSON object or as lines.
+
+        Parameters
+        ----------
+        result : CommandResult
+
+        Returns
+        -------
+        int
+            Its exit code.
+        """
         lines, details = list(result.lines()), list(getattr(result, "details", ()))
         told = getattr(result, "told", 0) if sys.stdout.isatty() and sys.stderr.isatty() else 0
         self.print(result.to_json(), [*lines[told:], *(["", *details] if self.details and details else [])])
         return result.exit_code
 
     def print(self, data: Mapping[str, Any], lines: Iterable[str]) -> None:
-        """Print a result given as a mapping and lines."""
+        """Print a result given as a mapping and lines.
+
+        Parameters
+        ----------
+        data : mapping of str to Any
+            For ``--json``.
+        lines : iterable of str
+            For people.
+        """
         self._end_talk(done=True)
         if self.json:
             from beltcomm.result import jsonable  # numpy, which a command that prints help does without
 
             click.echo(for_json(jsonable(data)), file=sys.stdout)
             return
-        echo(typed(lines), sys.stdout)
+        echo(_typed(lines), sys.stdout)
 
     def line(self) -> str:
         """The command as it was typed."""
@@ -273,11 +308,11 @@ class Invocation:
     ) -> int:
         try:
             self._end_talk()
-            failure(f"beltcomm: {sentence}", sys.stderr)
+            failure(f"beltcomm: {told(sentence)}", sys.stderr)
             echo(_left_lines(left), sys.stderr)
             if self.json:
-                told = {} if diagnosis is None else {"diagnosis": diagnosis}
-                click.echo(for_json({"error": sentence, "exit_code": code, **left, **told}), file=sys.stdout)
+                more = {} if diagnosis is None else {"diagnosis": diagnosis}
+                click.echo(for_json({"error": sentence, "exit_code": code, **left, **more}), file=sys.stdout)
         except OSError as error:
             if not self.ended and error.filename not in NAMES:
                 raise
@@ -307,12 +342,12 @@ def _left_lines(left: Mapping[str, str]) -> Iterator[str]:
         if first is None:
             yield f"{label.capitalize() + ':':8}{words}"
             continue
-        yield from typed([f"Next: {first[1]}   ({first[2]})" if first[2] else f"Next: {first[1]}"])
+        yield from _typed([f"Next: {first[1]}   ({first[2]})" if first[2] else f"Next: {first[1]}"])
         if first[3]:
             yield f"Then:   {first[3].removeprefix('then ')}"
 
 
-def typed(lines: Iterable[str]) -> Iterator[str]:
+def _typed(lines: Iterable[str]) -> Iterator[str]:
     """Next command, alone on its line, as this terminal finds it: by its path where no folder of ``PATH`` holds the program."""
     from beltcomm.result import Line, command_lines
 

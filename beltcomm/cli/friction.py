@@ -10,26 +10,39 @@ import click
 
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Invocation, api
+from beltcomm.cli.help import option
 from beltcomm.cli.newest import or_newest, told_drive
 
 
 @click.command("friction")
 @shared.several_runs_argument
-@click.option("--compare", is_flag=True, help="No machine: the sweeps of RUN once more; of several runs, friction against their load.")
+@option(
+    "--compare",
+    is_flag=True,
+    help="No machine: the sweeps of RUN once more; of several runs, friction against their load.",
+    brief="No machine: sweeps of RUNS side by side.",
+)
 @partial(shared.machine_options, needed=False)
 @click.option("--run", type=click.Path(path_type=Path), help="Run folder to go on with; the newest when left out.")
-@click.option(
+@option(
     "--order",
     type=shared.WordChoice(["I", "II", "III", "IV", "V", "VI", "all"], case_sensitive=False),
     help="Of the speeds of table A.1: I slowest first, II fastest first, III shuffled, IV as I with each speed ten times, V as I after "
     "long use, VI as I with a payload; all: I to IV. Without it seven speeds.",
+    brief="Of the speeds: I to VI, or all; seven speeds without.",
 )
-@click.option("--repeat", type=int, help="So many sweeps, to see drift and scatter; in order IV so often each speed.")
-@click.option(
+@option(
+    "--repeat",
+    type=int,
+    help="So many sweeps, to see drift and scatter; in order IV so often each speed.",
+    brief="So many sweeps, to see drift and scatter.",
+)
+@option(
     "--payload-mounted",
     "mounted_kg",
     type=shared.QuantityType("payload_kg"),
     help="What is mounted now; noted beside every sweep, to compare.",
+    brief="What is mounted now; noted beside every sweep.",
 )
 @shared.pictures_option
 @shared.output_options

@@ -1,75 +1,139 @@
-"""``--help`` of a verb, one screen: the options needed most, the others by their names; ``--help-all`` explains each."""
+"""``--help``, one screen of what a technician needs; ``--help-all``, every option.  What stands where is said beside the option."""
 
 from __future__ import annotations
 
-import textwrap
-from collections.abc import Mapping
+import inspect
+from collections.abc import Callable
+from enum import StrEnum
+from typing import Any, TypeVar
 
 import click
 
-#: Verbs with no more options than this show all of them.
-FEW = 14
-#: Column that explanations begin near; a longer option stands alone on its line.
-COLUMN = 18
-#: Title -> options, by their last name, that a screen has no room to explain; two of a title or fewer it has.
-FURTHER: Mapping[str, tuple[str, ...]] = {
-    "drive and bus": (
-        *("--profile", "--node", "--bitrate", "--sample-period", "--as", "--realtime", "--bus-log", "--seed"),
-        *("--record", "--channel", "--signal", "--dbc"),
-    ),
-    "before it moves": (
-        *("--home", "--position", "--window", "--simulate-first", "--visible", "--longest", "--hold-to-run"),
-        *("--first-motion-confirmed", "--force"),
-    ),
-    "controller": (
-        *("--feedforward", "--prefilter", "--velocity-filter", "--phase-margin", "--position-phase-margin", "--suppression"),
-        *("--notch-depth", "--butterworth-depth"),
-    ),
-    "excitation": ("--excitation", "--order", "--clock", "--amplitude", "--periods", "--period-samples", "--first-sample", "--base-speed"),
-    "rows of a file": (
-        *("--rate", "--period", "--resample", "--rows", "--from", "--until", "--drop-incomplete", "--keep", "--edges", "--separator"),
-        *("--decimal", "--skip-lines", "--torque-acts", "--flip", "--unwrap"),
-    ),
-    "of the record": (
-        *("--name", "--held-out", "--closed-loop", "--start-position", "--session-time", "--payload-mounted", "--load", "--source"),
-        "--accept",
-    ),
-    "output": ("--verbose", "--details", "--json", "--report", "--pictures", "--silent"),
-}
+from beltcomm.language import tr
+
+#: Lines of a screen of 24 above the shell's next prompt.
+LINES = 23
+#: Columns that an explanation begins behind at the latest; a longer option stands alone on its line, or without its choices.
+COLUMN = 24
+Command = TypeVar("Command", bound=Callable[..., Any])
 
 
-def show(ctx: click.Context, param: click.Parameter, value: bool) -> None:
-    """Print the help that an option asks for, and leave.
+class About(StrEnum):
+    """Titles of ``--help-all``, in their order, for the options that ``--help`` leaves out."""
+
+    BUS = "Drive and bus"
+    MOTION = "Before it moves"
+    MOVE = "Move"
+    CONTROLLER = "Controller"
+    EXCITATION = "Excitation"
+    ROWS = "Rows of a file"
+    RECORD = "Of the record"
+    OUTPUT = "Output"
+
+
+class Option(click.Option):
+    """An option that says where its help stands.
 
     Parameters
     ----------
-    ctx, param : Context
-        Of click.
-    value : bool
-        True if the option was given.
+    topic : About or None
+        Section of ``--help-all``; None for an option that ``--help`` shows, too.
+    brief : str
+        Its line in ``--help`` where ``help`` is longer.
     """
+
+    def __init__(self, *args: Any, topic: About | None = None, brief: str = "", **known: Any) -> None:
+        super().__init__(*args, **known)
+        self.topic, self.brief = topic, brief
+
+
+def option(*names: str, topic: About | None = None, brief: str = "", **known: Any) -> Callable[[Command], Command]:
+    """``click.option`` of an :class:`Option`.
+
+    Parameters
+    ----------
+    *names : str
+        As of ``click.option``.
+    topic, brief : str
+        As of :class:`Option`.
+    **known : Any
+        As of ``click.option``.
+    """
+    return click.option(*names, cls=Option, topic=topic, brief=brief, **known)
+
+
+def help_options(command: Command) -> Command:
+    """``--help`` and ``--help-all``.
+
+    Parameters
+    ----------
+    command : Command
+        A verb, or the group of all.
+    """
+    known: dict[str, Any] = {"is_flag": True, "is_eager": True, "expose_value": False, "callback": _show, "topic": About.OUTPUT}
+    whole = option("--help-all", help="Every option.", **known)
+    return option("-h", "--help", help="One screen: the options needed most.", **known)(whole(command))
+
+
+def _show(ctx: click.Context, param: click.Parameter, value: bool) -> None:
+    """Print the help that an option asks for, and leave."""
     if value and not ctx.resilient_parsing:
-        click.echo(text(ctx, everything=param.opts[-1] == "--help-all"), color=ctx.color)
+        click.echo(_screen(ctx) if param.opts[-1] == "--help" else _text(ctx, everything=True), color=ctx.color)
         ctx.exit()
 
 
-def text(ctx: click.Context, *, everything: bool) -> str:
-    """Help of the command of a context.   everything : each option is explained."""
+def _screen(ctx: click.Context) -> str:
+    """All of a help that is no longer than a screen; else its options without a topic, and how to see the others."""
+    if overview := getattr(ctx.command, "overview", None):
+        return str(overview())
+    whole = _text(ctx, everything=True)
+    if len(whole.splitlines()) <= LINES:
+        return whole
+    return f"{_text(ctx, everything=False)}\n\n{tr('more')}: {ctx.command_path} --help-all"
+
+
+def _text(ctx: click.Context, *, everything: bool) -> str:
+    """Help of the command of a context.   everything : all paragraphs and options, each in full."""
     command, formatter = ctx.command, ctx.make_formatter()
-    command.format_usage(ctx, formatter)
-    command.format_help_text(ctx, formatter)
-    options = {param.opts[-1]: record for param in command.params if (record := param.get_help_record(ctx)) and record[1]}
-    titled = {title: [name for name in names if name in options] for title, names in FURTHER.items()}
-    titled = {title: names for title, names in titled.items() if len(names) > 2 and len(options) > FEW}
-    later = {name for names in titled.values() for name in names}
-    with formatter.section("Options"):
-        formatter.write_dl([record for name, record in options.items() if name not in later], col_max=COLUMN)
-    if titled and not everything:
-        with formatter.section(f"More, explained by {ctx.command_path} --help-all"):
-            for title, names in titled.items():
-                row = textwrap.fill(" ".join(names), formatter.width - COLUMN - 2, break_on_hyphens=False)
-                formatter.write(textwrap.indent(f"{title:{COLUMN}}{textwrap.indent(row, ' ' * COLUMN).lstrip()}\n", "  "))
-    for title, names in titled.items() if everything else ():
-        with formatter.section(title.capitalize()):
-            formatter.write_dl([options[name] for name in names], col_max=COLUMN)
+    formatter.write_usage(ctx.command_path, " ".join(command.collect_usage_pieces(ctx)), prefix=f"{tr('Usage')}: ")
+    told = paragraphs(command)
+    for paragraph in told if everything else (told[0], *(one for one in told[1:] if _is_example(one))):
+        formatter.write_paragraph()
+        with formatter.indentation():
+            example = f"{tr('Example')}:{paragraph.partition(':')[2]}"
+            formatter.write_text(example if _is_example(paragraph) else tr(paragraph))
+    sections: dict[About | None, list[tuple[str, str]]] = {topic: [] for topic in (None, *About)}
+    for param in command.params:
+        if (record := param.get_help_record(ctx)) and record[1]:
+            sections[getattr(param, "topic", None)].append(_row(param, *record, everything=everything))
+    for topic, rows in sections.items():
+        if rows and (everything or topic is None):
+            with formatter.section(tr("Options" if topic is None else topic)):
+                formatter.write_dl(rows, col_max=COLUMN)
+    if everything and isinstance(command, click.Group):
+        command.format_commands(ctx, formatter)
     return formatter.getvalue().rstrip("\n")
+
+
+def paragraphs(command: click.Command) -> list[str]:
+    """Paragraphs of a command's help, each in one line.
+
+    Parameters
+    ----------
+    command : Command
+        A verb, or the group of all.
+    """
+    return [" ".join(part.split()) for part in inspect.cleandoc(command.help or "").split("\n\n")]
+
+
+def _is_example(paragraph: str) -> bool:
+    return paragraph.startswith("Example: ")
+
+
+def _row(param: click.Parameter, names: str, text: str, *, everything: bool) -> tuple[str, str]:
+    """Left and right of an option's lines.   names, text : as click has them, with limits and default behind the help."""
+    told, brief = getattr(param, "help", None) or "", getattr(param, "brief", "")
+    if everything or not brief:
+        extra = text.removeprefix(told).replace("required", tr("required")).replace("default:", f"{tr('default')}:")
+        return names, tr(told) + extra
+    return (names if len(names) <= COLUMN else max(param.opts, key=len)), tr(brief) + f"  [{tr('required')}]" * param.required

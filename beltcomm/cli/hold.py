@@ -101,7 +101,6 @@ def option(_ctx: click.Context, _param: click.Parameter, value: str | None) -> H
     Parameters
     ----------
     _ctx, _param : Context
-        Of click.
     value : str or None
         "key", or the number of a file descriptor; None without the option.
 

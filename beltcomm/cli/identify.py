@@ -9,6 +9,7 @@ import click
 
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Invocation, api, axis_for, run_folder
+from beltcomm.cli.help import About, option
 from beltcomm.errors import UsageError
 from beltcomm.given import EXCITATION_KINDS
 from beltcomm.quantities import parse_quantity
@@ -20,29 +21,52 @@ from beltcomm.quantities import parse_quantity
 @shared.axis_option
 @shared.new_run_option
 @shared.resume_option
-@click.option(
+@option(
     "--excitation",
     type=shared.WordChoice(EXCITATION_KINDS),
     default="prbs",
-    help="Signal of the frequency response; prbs when left out.  A multisine tells nonlinearity from noise.",
+    help="Signal of the frequency response; prbs when left out. A multisine tells nonlinearity from noise.",
+    brief="prbs (if left out), multisine ...",
 )
-@click.option("--order", "prbs_order", type=click.IntRange(3, 16), metavar="N", help="Of a PRBS: 2^N - 1 bits; chosen when left out.")
-@click.option("--clock", "bit", metavar="SAMPLES|TIME", help="Of a PRBS: how long a bit lasts, 2 samples or 8ms.")
-@click.option("--amplitude", "amplitude_nm", type=shared.QuantityType("amplitude_nm"), help="± at the motor; refused beyond the limits.")
-@click.option("--periods", type=click.IntRange(3), metavar="N", help="Measured ones, after one of run-in.")
-@click.option(
+@option(
+    "--order",
+    "prbs_order",
+    topic=About.EXCITATION,
+    type=click.IntRange(3, 16),
+    metavar="N",
+    help="Of a PRBS: 2^N - 1 bits; chosen when left out.",
+)
+@option("--clock", "bit", topic=About.EXCITATION, metavar="SAMPLES|TIME", help="Of a PRBS: how long a bit lasts, 2 samples or 8ms.")
+@option(
+    "--amplitude",
+    "amplitude_nm",
+    topic=About.EXCITATION,
+    type=shared.QuantityType("amplitude_nm"),
+    help="± at the motor; refused beyond the limits.",
+)
+@option("--periods", topic=About.EXCITATION, type=click.IntRange(3), metavar="N", help="Measured ones, after one of run-in.")
+@option(
     "--loop",
     type=shared.WordChoice(("open", "direct", "indirect", "setpoint")),
     default="open",
     help="Way of identification; the closed ones travel with a loop from the run's model (--run), so that friction does not pose as "
     "damping: direct and indirect excite the torque, setpoint the speed.",
+    brief="open (if left out); direct, indirect, setpoint travel.",
 )
-@click.option(
-    "--base-speed", "base_speed_m_s", type=shared.QuantityType("base_speed_m_s"), help="Of the carriage in a closed way; 0 stands."
+@option(
+    "--base-speed",
+    "base_speed_m_s",
+    topic=About.EXCITATION,
+    type=shared.QuantityType("base_speed_m_s"),
+    help="Of the carriage in a closed way; 0 stands.",
 )
 @shared.pictures_option
-@click.option(
-    "--plan", type=click.Path(path_type=Path), metavar="FILE", help="Go on with a run by the plan that `beltcomm diagnose --next` wrote."
+@option(
+    "--plan",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Go on with a run by the plan that `beltcomm diagnose --next` wrote.",
+    brief="Records by the plan of `beltcomm diagnose --next`.",
 )
 @shared.force_option
 @shared.output_options

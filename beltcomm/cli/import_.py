@@ -13,6 +13,7 @@ from beltcomm.borders import for_terminal
 from beltcomm.cli import options as shared
 from beltcomm.cli import reading
 from beltcomm.cli.frame import Invocation, api, run_folder
+from beltcomm.cli.help import About, option
 from beltcomm.cli.init import axis_with
 from beltcomm.errors import BeltcommError, Refused, UsageError
 from beltcomm.given import EXCITATION_KINDS, EXPERIMENTS
@@ -59,40 +60,82 @@ class MassOrInertia(click.ParamType):  # type: ignore[type-arg,unused-ignore]  #
 @click.command("import")
 @click.argument("files", nargs=-1, type=click.Path(path_type=Path), metavar="FILE...")
 @reading.MAP
-@click.option(
+@option(
     "--run",
     type=click.Path(path_type=Path),
     help="New folder, or one of an earlier import; a dated one under runs/ when left out.",
+    brief="New folder, or one of an earlier import.",
 )
-@click.option("--axis", metavar="FILE", help="axis.yaml, or the name of a shipped axis. Without: one rigid mass.")
-@click.option("--set", "entries", multiple=True, metavar="KEY=VALUE", help="An entry of axis.yaml: name=EMPS, limits.speed_m_s=0.2.")
-@click.option("--name", help="Of the recording; the file's name when left out.")
+@option(
+    "--axis",
+    metavar="FILE",
+    help="axis.yaml, or the name of a shipped axis. Without: one rigid mass.",
+    brief="axis.yaml, or a shipped axis; else one rigid mass.",
+)
+@option(
+    "--set",
+    "entries",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="An entry of axis.yaml: name=EMPS, limits.speed_m_s=0.2.",
+    brief="An entry of axis.yaml: name=EMPS.",
+)
+@option("--name", topic=About.RECORD, help="Of the recording; the file's name when left out.")
 @reading.RATE
 @reading.PERIOD
-@click.option("--resample", metavar="HZ", help="Take uneven rows at so many even ones per second; no more than there are.")
-@click.option(
-    "--experiment", type=shared.WordChoice(EXPERIMENTS), default="free", show_default=True, help="What was done; a log of frames tells it."
+@option("--resample", topic=About.ROWS, metavar="HZ", help="Take uneven rows at so many even ones per second; no more than there are.")
+@option(
+    "--experiment",
+    type=shared.WordChoice(EXPERIMENTS),
+    default="free",
+    show_default=True,
+    help="What was done; a log of frames tells it.",
+    brief="frf, friction_sweep, reversal, trajectory, static_map.",
 )
-@click.option("--held-out", is_flag=True, help="Never fit this record, only judge by it.")
-@click.option("--closed-loop", is_flag=True, help="A controller was active.")
-@click.option(
-    "--start-position", "start_position_m", type=shared.QuantityType("start_position_m"), help="Carriage position at the first row."
+@option("--held-out", topic=About.RECORD, is_flag=True, help="Never fit this record, only judge by it.")
+@option("--closed-loop", topic=About.RECORD, is_flag=True, help="A controller was active.")
+@option(
+    "--start-position",
+    "start_position_m",
+    topic=About.RECORD,
+    type=shared.QuantityType("start_position_m"),
+    help="Carriage position at the first row.",
 )
-@click.option("--payload", type=MassOrInertia(), help="What was mounted weighs so much: 2kg; of a load that turns its inertia: 0.02kgm2.")
-@click.option(
-    "--load", default="", metavar="NAME", help="What was mounted, where nobody knows its weight: records of one name have one load."
+@option(
+    "--payload",
+    type=MassOrInertia(),
+    help="What was mounted weighs so much: 2kg; of a load that turns its inertia: 0.02kgm2.",
+    brief="What was mounted: 2kg, or 0.02kgm2 of a load that turns.",
 )
-@click.option(
-    "--session-time", "session_time_s", type=shared.QuantityType("session_time_s"), help="Start of the record on the session's clock."
+@option(
+    "--load",
+    topic=About.RECORD,
+    default="",
+    metavar="NAME",
+    help="What was mounted, where nobody knows its weight: records of one name have one load.",
 )
-@click.option("--excitation", type=shared.WordChoice(EXCITATION_KINDS), help="Kind of excitation of an frf record.")
-@click.option("--amplitude", "amplitude_nm", type=shared.QuantityType("amplitude_nm"), help="Its largest absolute torque (force, current).")
-@click.option("--period-samples", type=click.IntRange(4), help="Rows of one period, when the excitation repeats.")
-@click.option("--first-sample", type=click.IntRange(0), default=0, help="Row, from 0, where its first period begins.")
-@click.option("--source", default="", help="Where the data came from, in words.")
-@click.option(
+@option(
+    "--session-time",
+    "session_time_s",
+    topic=About.RECORD,
+    type=shared.QuantityType("session_time_s"),
+    help="Start of the record on the session's clock.",
+)
+@option("--excitation", topic=About.EXCITATION, type=shared.WordChoice(EXCITATION_KINDS), help="Kind of excitation of an frf record.")
+@option(
+    "--amplitude",
+    "amplitude_nm",
+    topic=About.EXCITATION,
+    type=shared.QuantityType("amplitude_nm"),
+    help="Its largest absolute torque (force, current).",
+)
+@option("--period-samples", topic=About.EXCITATION, type=click.IntRange(4), help="Rows of one period, when the excitation repeats.")
+@option("--first-sample", topic=About.EXCITATION, type=click.IntRange(0), default=0, help="Row, from 0, where its first period begins.")
+@option("--source", topic=About.RECORD, default="", help="Where the data came from, in words.")
+@option(
     "--accept",
     "accepted",
+    topic=About.RECORD,
     default="",
     metavar="REASON",
     help="Take a record that is judged wrong (sign, clipped, no relation); kept with it.",
@@ -100,29 +143,42 @@ class MassOrInertia(click.ParamType):  # type: ignore[type-arg,unused-ignore]  #
 @reading.TORQUE_ACTS
 @reading.FLIP
 @reading.UNWRAP
-@click.option("--rows", type=Rows(), metavar="FIRST:LAST", help="Only these rows, counted from 1.")
-@click.option(
-    "--from", "from_s", type=shared.QuantityType("from_s"), help="Leave out what was recorded before this time after the first row."
+@option("--rows", topic=About.ROWS, type=Rows(), metavar="FIRST:LAST", help="Only these rows, counted from 1.")
+@option(
+    "--from",
+    "from_s",
+    topic=About.ROWS,
+    type=shared.QuantityType("from_s"),
+    help="Leave out what was recorded before this time after the first row.",
 )
-@click.option("--until", "until_s", type=shared.QuantityType("until_s"), help="Leave out what was recorded after this time.")
+@option("--until", "until_s", topic=About.ROWS, type=shared.QuantityType("until_s"), help="Leave out what was recorded after this time.")
 @reading.DROP
-@click.option("--keep", multiple=True, metavar="NAME", help="Keep a further column under its own name; all keeps all.")
+@option("--keep", topic=About.ROWS, multiple=True, metavar="NAME", help="Keep a further column under its own name; all keeps all.")
 @reading.SEPARATOR
 @reading.DECIMAL
-@click.option("--skip-lines", type=click.IntRange(0), default=0, help="Leave out so many lines at the beginning of a text file.")
-@click.option("--record", type=click.IntRange(1), help="Of a log of CAN frames: only this move, from 1.")
+@option(
+    "--skip-lines", topic=About.ROWS, type=click.IntRange(0), default=0, help="Leave out so many lines at the beginning of a text file."
+)
+@option("--record", topic=About.BUS, type=click.IntRange(1), help="Of a log of CAN frames: only this move, from 1.")
 @reading.CHANNEL
 @reading.NODE
 @reading.SIGNAL
 @reading.DBC
-@click.option(
+@option(
     "--edges",
+    topic=About.ROWS,
     type=click.Path(path_type=Path),
     metavar="FILE",
     help="Encoder edge times on the same clock, a row each, with A and B, a direction, a count or nothing: the position comes from them.",
 )
 @click.option("--dry-run", is_flag=True, help="Show what would be read and write nothing.")
-@click.option("--check", "check_only", is_flag=True, help="Repeat the imports of --run from their originals and compare; no FILE.")
+@option(
+    "--check",
+    "check_only",
+    is_flag=True,
+    help="Repeat the imports of --run from their originals and compare; no FILE.",
+    brief="Repeat the imports of --run and compare; no FILE.",
+)
 @shared.output_options
 @click.pass_obj
 def command(

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from beltcomm.axis.entries import AT, COMMISSION_NEEDS
 from beltcomm.cli import completion
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Invocation
-from beltcomm.cli.questions import Back, Done, ask_number, ask_word, otherwise, reply, tell, toothed, with_key
+from beltcomm.cli.interview import asked_all
+from beltcomm.cli.questions import NONE, Back, Done, otherwise, reply, tell, toothed, with_key
 from beltcomm.errors import Refused, UsageError
 from beltcomm.given import pasted
 from beltcomm.language import told, tr
@@ -23,40 +23,23 @@ from beltcomm.quantities import mm, unit_of
 if TYPE_CHECKING:
     from beltcomm.axis import Axis
     from beltcomm.axis.answers import Kind
-    from beltcomm.axis.entries import AxisEntry
 
 _INTRODUCTION = (
     "I ask for the data sheets' values of motor, coupling, pulley, belt and limits. Write a unit if it is not the one in "
     "brackets (0.449 kg cm2, 78 mm, 3000 rpm). Enter means: not known, or keeps the value shown; 'none' means: there is none; 'back' "
     "goes back to the question before, 'done' leaves out the rest. What commissioning cannot do without is asked all the same.\n"
 )
-_TITLES = {
-    "motor": "Motor",
-    "gearbox": "Gearbox (ratio 1 when there is none)",
-    "coupling": "Coupling between motor and axis",
-    "pulley": "Driving pulley",
-    "belt": "Toothed belt",
-    "travel": "Travel of the carriage",
-    "limits": "Limits of the mechanics",
-    "mounting": "Mounting",
-    "payload": "Payload",
-    "targets": "Targets of the axis (Enter: the default, 1 mm while it moves and 0.1 mm from 0.5 s on, at the motor)",
-}
-#: Asked only where another entry of the section has a value.
-_ONLY_WITH = {"brake_time_s": "brake_torque_nm"}
 #: Behind the name of the file: what was answered when the questions were broken off.
 UNFINISHED = ".unfinished"
 #: Words that may be written for a kind of axis.  An axis that is none of them is taken as one rigid mass, for imported records.
 _KINDS = {
-    "b": "belt",
-    "ball screw": "screw",
-    "ballscrew": "screw",
-    "spindle": "screw",
-    "pinion": "rack",
-    "table": "rotary",
+    "b": "belt", "riemen": "belt", "zahnriemen": "belt",
+    "ball screw": "screw", "ballscrew": "screw", "spindle": "screw", "spindel": "screw", "kugelgewindetrieb": "screw",
+    "pinion": "rack", "zahnstange": "rack",
+    "table": "rotary", "drehachse": "rotary", "drehtisch": "rotary",
+    "linearmotor": "linear", "linear motor": "linear",
     "none": "other",
-}
-_BELT_SECTIONS = ("gearbox", "coupling", "pulley", "belt")
+}  # fmt: skip
 
 
 @click.command("init")
@@ -72,6 +55,7 @@ _BELT_SECTIONS = ("gearbox", "coupling", "pulley", "belt")
 @click.option("--catalogue", is_flag=True, help="List axes and motors of public data sheets, and write nothing.")
 @click.option("--schema", type=click.Choice(["axis", "plan", "profile"]), help="Print the JSON schema of such a file, for an editor.")
 @click.option("--set", "entries", multiple=True, metavar="KEY=VALUE", help="motor.inertia_kg_m2=0.449kgcm2; then nothing is asked.")
+@click.option("--ask-all", is_flag=True, help="With --from: ask for what it holds, too.")
 @click.option("--yes", is_flag=True, help="Ask nothing; overwrite an existing file.")
 @shared.output_options
 @click.pass_obj
@@ -83,6 +67,7 @@ def command(
     motor: str | None,
     entries: tuple[str, ...],
     yes: bool,
+    ask_all: bool,
     catalogue: bool,
     schema: str | None,
 ) -> int:
@@ -104,9 +89,13 @@ def command(
         raise UsageError(f"{file} is a folder; give the name of the file to write, such as {file / 'axis.yaml'}")
     unfinished = file.with_name(f"{file.name}{UNFINISHED}")
     begun = unfinished.is_file() and not (template or motor or entries or yes)
-    asked = not (entries or yes)
-    kind = _ask_kind(template) if asked and not begun else _stated_kind(entries)
-    start = axis_from_dict(read_yaml(unfinished), unfinished) if begun else _start(template, motor, kind, asked=asked)
+    asked, settled = not (entries or yes), not ask_all
+    kind = _stated_kind(entries)
+    while True:
+        with suppress(Back):  # out of the catalogue, to the kind
+            kind = _ask_kind(template, settled=settled) if asked and not begun else kind
+            start = axis_from_dict(read_yaml(unfinished), unfinished) if begun else _start(template, motor, kind, asked=asked)
+            break
     data = start.to_dict()
     # an axis that is begun with values asks no more than whether a file may be overwritten
     if entries or yes:
@@ -115,7 +104,7 @@ def command(
     else:
         if begun:
             tell(tr("{file} holds the answers of a start that was broken off; Enter keeps them.\n", file=unfinished))
-        data = _ask_all(start, unfinished, kind or start.kind or "other")
+        data = asked_all(start, unfinished, kind or start.kind or "other", of=template or motor or "" if settled else "")
     axis = axis_from_dict(data)
     if file.exists() and not yes and not frame.talk().confirm(f"{file} exists. Overwrite it?"):
         raise Refused(f"{file} was left as it is; give another file name")
@@ -133,7 +122,7 @@ def command(
     zero = "A drive without an absolute zero is commissioned with --home (it searches its zero) or --position (where the carriage stands)."
     lines.append(terms_of(axis).said(told(zero)))
     if missing:
-        why = tr("asks for what is missing, Enter keeps the rest; commissioning refuses to begin before")
+        why = tr("asks for what is missing; commissioning refuses to begin before")
         lines.append(f"Next: beltcomm init {pasted(file)} --from {pasted(file)}   ({why})")
     else:
         why = tr("compares it with the drive, yours for can0; moves nothing")
@@ -142,8 +131,8 @@ def command(
     return 0
 
 
-def _ask_kind(template: str | None) -> str:
-    """The kind of axis, asked first: everything after it depends on that.   template : whose kind Enter takes."""
+def _ask_kind(template: str | None, *, settled: bool) -> str:
+    """The kind of axis, asked first: everything after it depends on that.   template : whose kind Enter takes, or is taken if settled."""
     from beltcomm.axis import load_axis
     from beltcomm.axis.answers import parts
     from beltcomm.axis.kinds import BELT, KINDS
@@ -153,6 +142,9 @@ def _ask_kind(template: str | None) -> str:
     if template is not None and (named_file(template) or template not in parts("axes")):
         told = load_axis(template).kind or "other"
     known = {BELT: tr("toothed belt"), **{name: tr(kind.title) for name, kind in KINDS.items()}, "other": tr("none of these")}
+    if template is not None and settled and told in known:
+        tell(f"{tr('Kind of the axis')}: {known[told]}")
+        return told
     tell("\n".join([tr("Kinds of axes:"), *(f"  {name:<8}{title}" for name, title in known.items())]))
     while True:
         answer = reply(tr("Kind of the axis"), told).lower()
@@ -208,12 +200,14 @@ def _known_part(kind: Kind, word: str) -> str | None:
 
     known = parts(kind)
     tell(f"{tr('Catalogue')}: {', '.join(known)}")
-    while answer := reply(tr("{word} from the catalogue (Enter: none of these)", word=word), ""):
-        if answer.lower() in known:
-            return answer.lower()
-        from beltcomm.configfiles import did_you_mean
+    question = tr("{word} from the catalogue (Enter: none of these)", word=word)
+    with suppress(Done):
+        while (answer := reply(question, "", back=True)).lower() not in ("", *NONE):
+            if answer.lower() in known:
+                return answer.lower()
+            from beltcomm.configfiles import did_you_mean
 
-        tell(f"    {answer!r}: not in the catalogue{did_you_mean(answer, known)}")
+            tell(f"    {answer!r}: not in the catalogue{did_you_mean(answer, known)}")
     return None
 
 
@@ -308,128 +302,3 @@ def _value(key: str, name: str, text: str) -> str | float | None:
         return text
     value = otherwise(name, text)
     return with_key(key, name, text) if value is None else value
-
-
-def _ask_all(start: Axis, unfinished: Path, kind: str) -> dict[str, Any]:
-    """All entries by questions; a wrong answer is explained and asked again.   unfinished : what is known when they are broken off."""
-    from beltcomm.axis.entries import SECTIONS, entries_of
-    from beltcomm.axis.kinds import KINDS
-
-    data: dict[str, Any] = start.to_dict()
-    own = KINDS.get(kind)
-    data["name"] = reply(tr("Name of the axis"), start.name)
-    while not data["name"]:
-        data["name"] = reply(tr("  Plans and reports need its name"), "")
-    if own is not None:
-        entries = own.sections()
-    else:
-        sections = {name: each for name, each in SECTIONS.items() if kind == "belt" or name not in _BELT_SECTIONS}
-        entries = {section: entries_of(each) for section, each in sections.items()}
-        for section in SECTIONS.keys() - sections.keys():
-            data.pop(section, None)
-    words = {"motor": ["name"], "targets": ["at"]}
-    questions = [(section, name) for section in entries for name in (*words.get(section, []), *entries[section])]
-    answers = _Answers(data["name"], kind if own is not None else "")
-    try:
-        _ask_each(questions, entries, data, answers)
-    except (KeyboardInterrupt, UsageError):
-        _keep(answers.known, unfinished)
-        raise
-    return {**data, **{section: answers.known.get(section, {}) for section in entries}}
-
-
-def _keep(known: dict[str, Any], unfinished: Path) -> None:
-    from beltcomm.configfiles import to_yaml, write_text
-
-    if known.keys() - {"name", "transmission"}:
-        write_text(unfinished, to_yaml(known))
-        tell(f"\nWhat was answered is kept in {unfinished}; the same command goes on with it.")
-
-
-class _Answers:
-    """Answers given.   told : by section and name, in the order asked.   implied : what one of them says of others, not asked then."""
-
-    def __init__(self, name: str, kind: str = "") -> None:
-        self.name, self.kind = name, kind
-        self.told: dict[tuple[str, str], Any] = {}
-        self.implied: dict[tuple[str, str], float] = {}
-
-    @property
-    def known(self) -> dict[str, Any]:
-        """As axis.yaml has it."""
-        found: dict[str, Any] = {"name": self.name}
-        if self.kind:
-            found["transmission"] = {"kind": self.kind}
-        for (section, name), value in {**self.told, **self.implied}.items():
-            if value not in (None, ""):
-                found.setdefault(section, {})[name] = value
-        return found
-
-    def fault(self, section: str, name: str, value: float) -> str:
-        """Contradiction between a further answer and those before, "" for none."""
-        from beltcomm.axis import axis_from_dict
-
-        known = self.known
-        try:
-            axis_from_dict({**known, section: {**known.get(section, {}), name: value}})
-        except UsageError as error:
-            return str(error)
-        return ""
-
-
-def _ask_each(
-    questions: Sequence[tuple[str, str]], entries: Mapping[str, Mapping[str, AxisEntry]], start: Mapping[str, Any], answers: _Answers
-) -> None:
-    """The questions one after the other, and back."""
-    from beltcomm.axis.kinds import KINDS
-
-    before: dict[tuple[str, str], Any] = {}  # answered before somebody went back
-    asked, at, done = list[int](), 0, False
-    needs = KINDS[answers.kind].needs if answers.kind in KINDS else COMMISSION_NEEDS
-    while at < len(questions):
-        section, name = key = questions[at]
-        if key in answers.implied or (name in _ONLY_WITH and answers.told.get((section, _ONLY_WITH[name])) is None):
-            at += 1
-            continue
-        known = before.get(key, (start.get(section) or {}).get(name))
-        if done and (known is not None or f"{section}.{name}" not in needs):
-            answers.told[key] = known
-            at += 1
-            continue
-        if not asked or questions[asked[-1]][0] != section:
-            tell(f"\n{tr(_title(section, answers.kind))}")
-        try:
-            where = f"[{at + 1}/{len(questions)}] "
-            if name == "name":
-                answers.told[key] = reply(where + tr("Type"), known or "", back=True)
-            elif name == "at":
-                load = KINDS[answers.kind].load if answers.kind else AT[1]
-                question = tr("Where targets count: motor, carriage or both").replace("carriage", load)
-                answers.told[key] = ask_word(where + question, (AT[0], load, AT[2]), known or "")
-            else:
-                fault = partial(answers.fault, section, name)
-                value, text = ask_number(f"{section}.{name}", name, entries[section][name], known, fault, where, answers.kind)
-                answers.told[key] = value
-                if name == "effective_radius_m":
-                    answers.implied = toothed(text)
-        except Done:
-            if done:  # said again, of one that is needed
-                answers.told[key] = None
-                at += 1
-            done = True
-            continue
-        except Back:
-            at = asked.pop() if asked else 0
-            before[questions[at]] = answers.told.pop(questions[at], None)
-            continue
-        asked.append(at)
-        at += 1
-
-
-def _title(section: str, kind: str) -> str:
-    """Of a section, as the kind of axis calls it."""
-    from beltcomm.axis.kinds import KINDS
-    from beltcomm.axis.terms import terms
-
-    own = KINDS.get(kind)
-    return _TITLES[section] if own is None else own.titles.get(section) or terms(kind).said(_TITLES[section])

@@ -20,9 +20,11 @@ import click
 
 from beltcomm import language
 from beltcomm.cli.frame import Invocation
+from beltcomm.cli.help import help_options
 from beltcomm.cli.streams import prepare
 from beltcomm.cli.terminal import fitted
 from beltcomm.errors import LeaveNow
+from beltcomm.language import tr
 from beltcomm.version import __version__
 
 #: s, within which a second Ctrl-C means: leave at once.
@@ -129,8 +131,16 @@ class Verbs(click.Group):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the verbs for ``--help-all`` in groups, each with an example, without importing any."""
         for title, verbs in GROUPS.items():
-            with formatter.section(f"{title}   (e.g. {EXAMPLES[title][0]})"):
-                formatter.write_dl(list(verbs.items()))
+            with formatter.section(f"{tr(title)}   ({tr('e.g.')} {EXAMPLES[title][0]})"):
+                formatter.write_dl([(verb, tr(words)) for verb, words in verbs.items()])
+
+    def overview(self) -> str:
+        """Text of ``--help`` of the whole, one screen: each group's example and its verbs by name."""
+        lines = [f"{tr('Usage')}: beltcomm COMMAND [OPTIONS] [RUN]", "", tr(SUMMARY), ""]
+        for title, verbs in GROUPS.items():
+            example, words = EXAMPLES[title]
+            lines += [f"{tr(title):20}{example:36}{tr(words)}", f"  {'  '.join(verbs)}"]
+        return "\n".join(fitted(line, sys.stdout) for line in (*lines, "", *map(tr, COMMON[:2])))
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[str | None, click.Command | None, list[str]]:
         """The command named first in ``args``.  Raises click.UsageError with the nearest verb."""
@@ -174,25 +184,9 @@ class Verbs(click.Group):
         return code
 
 
-def overview(ctx: click.Context, _param: click.Parameter, value: bool) -> None:
-    """Print one screen, and leave: each group's example and its verbs by name."""
-    if not value or ctx.resilient_parsing:
-        return
-    lines = ["Usage: beltcomm COMMAND [OPTIONS] [RUN]", "", SUMMARY, ""]
-    for title, verbs in GROUPS.items():
-        example, words = EXAMPLES[title]
-        lines += [f"{title:20}{example:36}{words}", f"  {'  '.join(verbs)}"]
-    lines += ["", *COMMON[:2]]
-    for line in lines:
-        click.echo(fitted(line, sys.stdout))
-    ctx.exit()
-
-
-@click.command(
-    cls=Verbs, context_settings={"help_option_names": ["--help-all"], "max_content_width": 120}, help="\n\n".join((SUMMARY, *COMMON[1:]))
-)
-@click.option("-h", "--help", "_help", is_flag=True, is_eager=True, expose_value=False, callback=overview, help="One screen.")
-@click.version_option(__version__, prog_name="beltcomm")
+@click.command(cls=Verbs, context_settings={"max_content_width": 120}, help="\n\n".join((SUMMARY, *COMMON[1:])))
+@help_options
+@click.version_option(__version__, prog_name="beltcomm", help="The version, and nothing else.")
 def cli() -> None:
     """Everything that can be typed."""
 

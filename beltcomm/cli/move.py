@@ -8,17 +8,19 @@ import click
 
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Invocation, api, axis_for
+from beltcomm.cli.help import option
 
 
 @click.command("move")
 @shared.machine_options
 @shared.axis_option
 @click.option("--by", "by_m", required=True, type=shared.QuantityType("by_m"), help="How far, signed: 5mm, -0.005.")
-@click.option(
+@option(
     "--measured-travel",
     "measured_m",
     type=shared.QuantityType("measured_m"),
     help="Nothing moves: what a ruler says of a creep by --by before, negative for the other way; is the feed constant right?",
+    brief="Nothing moves: what a ruler says of an earlier --by.",
 )
 @shared.output_options
 @click.pass_obj

@@ -43,7 +43,6 @@ def written(path: Path) -> float:
     Parameters
     ----------
     path : Path
-        Of the run folder.
     """
     files = [path / name for name in ("journal.txt", *MARKS)]
     return max((file.stat().st_mtime for file in files if file.is_file()), default=0.0)
@@ -55,7 +54,6 @@ def or_newest(ctx: click.Context, _param: click.Parameter | None, value: Path | 
     Parameters
     ----------
     ctx, _param : Context
-        Of click.
     value : Path or None
         As given on the line.
 
@@ -75,7 +73,6 @@ def or_begun(ctx: click.Context, _param: click.Parameter, value: Path | None) ->
     Parameters
     ----------
     ctx, _param : Context
-        Of click.
     value : Path or None
         As given on the line.
     """
@@ -98,19 +95,13 @@ def _refused() -> Path:
     )
 
 
-def of_newest_axis(folder: Path = RUNS) -> list[Path]:
-    """Runs of the axis of the newest one.   Raises UsageError where there is none.
-
-    Parameters
-    ----------
-    folder : Path
-        Of all runs.
-    """
+def of_newest_axis() -> list[Path]:
+    """Runs of the axis of the newest one.   Raises UsageError where there is none."""
     from beltcomm.runfolder import RunFolder
 
     named: dict[str, list[Path]] = {}
     last = ""
-    for path in runs_here(folder):
+    for path in runs_here(RUNS):
         try:
             opened = RunFolder.open(path)
             last = opened.axis.name if opened.has_axis else ""
@@ -122,7 +113,7 @@ def of_newest_axis(folder: Path = RUNS) -> list[Path]:
     return named[last]
 
 
-def drive_of(run: Path | None) -> Reached | None:
+def _drive_of(run: Path | None) -> Reached | None:
     """The drive that a run was made on, as it was called then; None where it does not tell."""
     from beltcomm.rundata import headline
     from beltcomm.runfolder import RunFolder
@@ -143,11 +134,10 @@ def told_drive(ctx: click.Context, run: Path | None) -> tuple[str | None, dict[s
     Parameters
     ----------
     ctx : Context
-        Of click.
     run : Path or None
         Of the run folder; None for none.
     """
-    found = drive_of(run)
+    found = _drive_of(run)
     if found is None:
         return None, {}
     by = _reached_by(ctx, found.options)

@@ -36,9 +36,11 @@ def _first_run(frame: Invocation) -> Path:
 @shared.output_options
 @click.pass_obj
 def command(frame: Invocation, /, run: Path | None, move: Path | None, port: int, browser: bool, **given: Any) -> int:
-    """A run on a page that only this computer can reach, until Ctrl-C: where the model fails and which effect heals it, the design with
-    sliders, what a session does now, runs side by side, a virtual session at a click. Nothing on it moves a machine or writes to a drive.
-    Of a folder of runs the newest; where there is none yet, one on a virtual axis is offered.
+    """Show a run on a page that only this computer can reach, until Ctrl-C.
+
+    Where the model fails and which effect heals it, the design with sliders, what a session does now, runs side by side, a virtual
+    session at a click. Nothing on it moves a machine or writes to a drive. Of a folder of runs the newest; where there is none yet, one on
+    a virtual axis is offered.
 
     Example: beltcomm open runs/first
     """

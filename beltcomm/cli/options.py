@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -13,15 +12,13 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from beltcomm.cli import completion
-from beltcomm.cli.help import show
+from beltcomm.cli.help import About, help_options, option
 from beltcomm.cli.hold import option as held_key
 from beltcomm.cli.newest import or_begun, or_newest, runs_here, told_drive
 from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.quantities import parse_quantity, unit_of
 
 if TYPE_CHECKING:
-    from beltcomm.design.specification import Specification
-
     Numbers = click.ParamType[float]
     Pairs = click.ParamType[tuple[float, float]]
     Words = click.Choice[str]
@@ -121,10 +118,18 @@ class Window(Pairs):
         return ends
 
 
-def _with_options(function: Function, *options: Callable[[Function], Function]) -> Function:
-    """A command with options, listed in the order of its help."""
-    for option in reversed(options):
-        function = option(function)
+def with_options(function: Function, *options: Callable[[Function], Function]) -> Function:
+    """A command with options, listed in the order of its help.
+
+    Parameters
+    ----------
+    function : Function
+        Of the verb.
+    *options : callable
+        Decorators.
+    """
+    for each in reversed(options):
+        function = each(function)
     return function
 
 
@@ -144,17 +149,27 @@ def output_options(function: Function) -> Function:
         ctx.obj.verbose = value
         return value
 
-    return _with_options(
+    return with_options(
         function,
-        click.option(
-            "-v", "--verbose", count=True, expose_value=False, callback=set_verbose, help="Say more on stderr; -vv for everything."
+        option(
+            "-v",
+            "--verbose",
+            topic=About.OUTPUT,
+            count=True,
+            expose_value=False,
+            callback=set_verbose,
+            help="Say more on stderr; -vv for everything.",
         ),
-        click.option("--details", is_flag=True, expose_value=False, callback=set_details, help="What does not fit on a screen, too."),
-        click.option("--json", "_json", is_flag=True, expose_value=False, help="One JSON object on stdout."),
-        *(
-            click.option(*names, is_flag=True, is_eager=True, expose_value=False, callback=show, hidden=hidden, help="This screen.")
-            for names, hidden in ((("-h", "--help"), False), (("--help-all",), True))
+        option(
+            "--details",
+            topic=About.OUTPUT,
+            is_flag=True,
+            expose_value=False,
+            callback=set_details,
+            help="What does not fit on a screen, too.",
         ),
+        option("--json", "_json", topic=About.OUTPUT, is_flag=True, expose_value=False, help="One JSON object on stdout."),
+        help_options,
     )
 
 
@@ -181,7 +196,7 @@ def _note_bus_log(ctx: click.Context, _param: click.Parameter, value: bool) -> N
 
 def _as_option(text: str) -> Callable[[Function], Function]:
     """``--as``, which drive a virtual one plays."""
-    return click.option("--as", "slave", metavar="NAME", shell_complete=completion.slaves, help=text)
+    return option("--as", "slave", topic=About.BUS, metavar="NAME", shell_complete=completion.slaves, help=text)
 
 
 def drive_options(function: Function, *, needed: bool = True, of_run: bool = True) -> Function:
@@ -196,39 +211,48 @@ def drive_options(function: Function, *, needed: bool = True, of_run: bool = Tru
     of_run : bool
         The run's, unless told.
     """
-    return _with_options(
+    return with_options(
         function,
-        click.option(
+        option(
             "--drive",
             metavar="DRIVE",
             shell_complete=completion.drives,
             callback=partial(_note_drive, needed=needed, of_run=of_run),
             help="can0, slcan:PORT, serial:PORT, ... (`beltcomm drives` lists them), virtual, virtual:PLANT or virtual:my_axis.yaml.",
+            brief="can0, slcan:PORT, serial:PORT, virtual, ...",
         ),
-        click.option(
+        option(
             "--profile",
+            topic=About.BUS,
             metavar="NAME",
             shell_complete=completion.profiles,
             help="Drive profile; recognised from the drive when left out.",
         ),
-        click.option("--node", type=click.IntRange(1, 126), help="CANopen node; searched for when left out."),
-        click.option("--bitrate", type=click.IntRange(9_600, 1_000_000), help="Bit rate of the CAN bus, or of the RS-232 line."),
-        click.option(
+        option("--node", topic=About.BUS, type=click.IntRange(1, 126), help="CANopen node; searched for when left out."),
+        option("--bitrate", topic=About.BUS, type=click.IntRange(9_600, 1_000_000), help="Bit rate of the CAN bus, or of the RS-232 line."),
+        option(
             "--sample-period",
             "sample_period_s",
+            topic=About.BUS,
             type=QuantityType("sample_period_s"),
             help="Between two samples; the shortest that drive and bit rate allow when left out.",
         ),
         _as_option("Virtual drive: play another maker's drive, epos4, akd, ... (`beltcomm drives`), or the facts in a .yaml file."),
-        click.option("--realtime", is_flag=True, help="Virtual drive: run at 1 kHz of real time, not as fast as possible."),
-        click.option(
+        option("--realtime", topic=About.BUS, is_flag=True, help="Virtual drive: run at 1 kHz of real time, not as fast as possible."),
+        option(
             "--bus-log",
+            topic=About.BUS,
             is_flag=True,
             expose_value=False,
             callback=_note_bus_log,
             help="Keep the bus's log for a virtual drive too (RUN/bus).",
         ),
-        click.option("--seed", type=click.IntRange(0), help="Virtual drive: seed of everything random; equal seeds give equal runs."),
+        option(
+            "--seed",
+            topic=About.BUS,
+            type=click.IntRange(0),
+            help="Virtual drive: seed of everything random; equal seeds give equal runs.",
+        ),
     )
 
 
@@ -240,14 +264,14 @@ def serving_options(function: Function) -> Function:
     function : Function
         Of the verb.
     """
-    return _with_options(
+    return with_options(
         function,
         click.option("--drive", default="virtual", metavar="DRIVE", help="virtual (when left out) or virtual:PLANT."),
-        click.option("--profile", metavar="NAME", help="reference (when left out) or cmmp-as."),
+        option("--profile", topic=About.BUS, metavar="NAME", help="reference (when left out) or cmmp-as."),
         _as_option("Play another maker's drive instead."),
-        click.option("--node", type=click.IntRange(1, 126), help="Its CANopen node number; 1 when left out."),
-        click.option("--seed", type=click.IntRange(0), help="Seed of its torque noise."),
-        click.option("--realtime", is_flag=True, help="Run at 1 kHz of the wall clock; else each SYNC is one period."),
+        option("--node", topic=About.BUS, type=click.IntRange(1, 126), help="Its CANopen node number; 1 when left out."),
+        option("--seed", topic=About.BUS, type=click.IntRange(0), help="Seed of its torque noise."),
+        option("--realtime", topic=About.BUS, is_flag=True, help="Run at 1 kHz of the wall clock; else each SYNC is one period."),
     )
 
 
@@ -263,36 +287,48 @@ def machine_options(function: Function, *, needed: bool = True, of_run: bool = T
     of_run : bool
         As in :func:`drive_options`.
     """
-    function = _with_options(
+    function = with_options(
         function,
         yes_option,
         click.option("--dry-run", is_flag=True, help="Show the plan and move nothing."),
         click.option("--home", is_flag=True, help="Let the drive search its zero first."),
-        click.option(
-            "--position", "position_m", type=QuantityType("position_m"), help="Where the carriage is now, when the drive has no zero."
+        option(
+            "--position",
+            "position_m",
+            type=QuantityType("position_m"),
+            help="Where the carriage is now, when the drive has no zero.",
+            brief="Where the carriage is, when the drive has no zero.",
         ),
-        click.option(
+        option(
             "--first-motion-confirmed",
             "first_motion",
+            topic=About.MOTION,
             metavar="SERIAL",
             help="Serial number of a drive that beltcomm never moved: somebody has made sure of its first motion. --yes does not.",
         ),
-        click.option(
+        option(
             "--hold-to-run",
             "hold",
+            topic=About.MOTION,
             is_flag=False,
             flag_value="key",
             metavar="[=FD]",
             callback=held_key,
             help="The axis moves only while the space bar is held, or while a script writes to the file descriptor FD.",
         ),
-        click.option(
+        option(
             "--longest",
             "longest_s",
+            topic=About.MOTION,
             type=QuantityType("longest_s"),
             help="How long a plan may move the axis that --yes answers for; 15min when left out.",
         ),
-        click.option("--simulate-first", is_flag=True, help="Play the plan on a twin of the axis first; beyond a limit nothing moves."),
+        option(
+            "--simulate-first",
+            topic=About.MOTION,
+            is_flag=True,
+            help="Play the plan on a twin of the axis first; beyond a limit nothing moves.",
+        ),
     )
     return drive_options(function, needed=needed, of_run=of_run)
 
@@ -307,7 +343,7 @@ def writing_options(function: Function, *, needed: bool = True) -> Function:
     needed : bool
         As in :func:`drive_options`.
     """
-    return _with_options(
+    return with_options(
         function,
         partial(drive_options, needed=needed),
         existing_run_option,
@@ -342,7 +378,7 @@ TARGETS = {
     "move": "move",
     "distance": "distance_m",
 }
-target_option = click.option(
+target_option = option(
     "--target",
     "targets",
     multiple=True,
@@ -350,11 +386,12 @@ target_option = click.option(
     callback=_targets,
     help="In place of a target of axis.yaml, once for each: following=0.5mm, settled=50um, after=0.3s, at=motor, carriage or both, "
     "move=T_A (limits there), distance=300mm.",
+    brief="For one of axis.yaml: following=0.5mm, settled=50um.",
 )
 yes_option = click.option("--yes", is_flag=True, help="Answer every question with yes.")
-force_option = click.option("--force", is_flag=True, help="Also what was edited by hand, and gains that are in doubt.")
+force_option = option("--force", topic=About.MOTION, is_flag=True, help="Also what was edited by hand, and gains that are in doubt.")
 axis_option = click.option("--axis", metavar="FILE", shell_complete=completion.axes, help="axis.yaml, or the name of a shipped axis.")
-resume_option = click.option("--resume", is_flag=True, help="Go on with a run: unfinished records are repeated.")
+resume_option = option("--resume", topic=About.MOTION, is_flag=True, help="Go on with a run: unfinished records are repeated.")
 new_run_option = click.option(
     "--run",
     type=click.Path(path_type=Path),
@@ -368,8 +405,12 @@ existing_run_option = click.option(
     callback=or_newest,
     help="Run folder to go on with; the newest when left out.",
 )
-pictures_option = click.option("--pictures/--no-pictures", default=True, help="Pictures into RUN/pictures; made when left out.")
-asked_pictures_option = click.option("--pictures/--no-pictures", default=False, help="Pictures into RUN/pictures; only when asked for.")
+pictures_option = option(
+    "--pictures/--no-pictures", topic=About.OUTPUT, default=True, help="Pictures into RUN/pictures; made when left out."
+)
+asked_pictures_option = option(
+    "--pictures/--no-pictures", topic=About.OUTPUT, default=False, help="Pictures into RUN/pictures; only when asked for."
+)
 cost_option = click.option("--cost/--no-cost", default=True, help="Say what a missing effect costs in tracking error; said when left out.")
 run_argument = click.argument("run", required=False, type=click.Path(path_type=Path), shell_complete=completion.runs, callback=or_newest)
 run_to_open_argument = click.argument(
@@ -379,89 +420,37 @@ several_runs_argument = click.argument("runs", nargs=-1, type=click.Path(path_ty
 payload_option = click.option(
     "--payload", "payload_kg", type=QuantityType("payload_kg"), help="Heaviest to be moved; the design must hold for it."
 )
-prefilter_option = click.option(
-    "--prefilter", type=WordChoice(["none", "notch", "butterworth"]), help="Of the velocity loop; the best one when left out."
+prefilter_option = option(
+    "--prefilter",
+    topic=About.CONTROLLER,
+    type=WordChoice(["none", "notch", "butterworth"]),
+    help="Of the velocity loop; the best one when left out.",
 )
-#: What is asked of a design: names of the specification's fields.
-ASKED = ("phase_margin_deg", "suppression_db", "position_phase_margin_deg", "notch_db", "butterworth_db", "velocity_filters_s")
-
-
-def specification_options(command: Function) -> Function:
-    """The three knobs of the design source (4.4), all at once or one by one, the depths of its prefilters and T_R.
-
-    Parameters
-    ----------
-    command : Function
-        Of the verb.
-    """
-    demand = click.option(
-        "--demand",
-        type=WordChoice(["robust", "balanced", "fast"]),
-        help="Margins: robust 60°, -12 dB, 80°; balanced (if left out) 45°, -10 dB, 70°; fast 35°, -8 dB, 60°.",
-    )
-    knobs = [
-        click.option(option, name, type=float, metavar=unit, help=text)
-        for option, name, unit, text in (
-            ("--phase-margin", ASKED[0], "DEG", "Knob 1: of the velocity loop, on every variant; 45."),
-            ("--suppression", ASKED[1], "DB", "Knob 2: open loop at the resonance at most, dB; -10."),
-            ("--position-phase-margin", ASKED[2], "DEG", "Knob 3: of the position loop; 70."),
-            ("--notch-depth", ASKED[3], "DB", "A_Notch: of a notch at the antiresonance, dB; -6."),
-            ("--butterworth-depth", ASKED[4], "DB", "A_bw: of a Butterworth low-pass at the antiresonance, dB; -3."),
-        )
-    ]
-    lag = click.option("--velocity-filter", ASKED[5], type=QuantityType("velocity_filter_s"), help="T_R; the best of six when left out.")
-    return _with_options(command, demand, *knobs, lag)
-
-
-def specification_of(given: dict[str, Any]) -> Specification | None:
-    """Specification made of these options, which are taken out of what was given; None without any.
-
-    Parameters
-    ----------
-    given : dict of str to Any
-        Options of the line; changed in place.
-
-    Raises
-    ------
-    UsageError
-        For a value out of its range.
-    """
-    demand = given.pop("demand")
-    asked = {name: value for name in ASKED if (value := given.pop(name)) is not None}
-    if not asked and demand is None:
-        return None
-    from dataclasses import asdict
-
-    from beltcomm.design.specification import PRODUCT_SPECIFICATION
-    from beltcomm.tuning.presets import PACES
-
-    knobs = asdict(next(one.asked for one in PACES if one.key == demand)) if demand else {}
-    if "velocity_filters_s" in asked:
-        asked["velocity_filters_s"] = (asked["velocity_filters_s"],)
-    return replace(PRODUCT_SPECIFICATION, **{**knobs, **asked})
-
-
-feedforward_option = click.option(
+feedforward_option = option(
     "--feedforward",
+    topic=About.CONTROLLER,
     type=WordChoice(["nonlinear", "linear", "none"]),
     help="nonlinear: inertia, viscous and Coulomb friction; linear: all friction as damping; none: no velocity either.",
 )
-sent_feedforward_option = click.option(
+sent_feedforward_option = option(
     "--feedforward",
+    topic=About.CONTROLLER,
     type=WordChoice(["led", "compliant", "nonlinear", "linear", "none"]),
     help="In place of the design's, for this move only. led: of a drive without feedforward, the reference leads by the inverse of its "
     "loops (the rule there; none is without); compliant: the motor leads the carriage by the stretch of the belt; "
     "nonlinear: inertia, viscous and Coulomb friction; linear: all friction as damping; none: no velocity either.",
 )
-window_option = click.option(
+window_option = option(
     "--window",
     "window_m",
+    topic=About.MOTION,
     type=Window(),
     help="How far the carriage may move from where it stands, stops included: -20mm..30mm, or 25mm either way. Plus is where the drive's "
     "position counts up. With it a record is possible where nobody knows the carriage's place.",
 )
-apply_option = click.option(
+apply_option = option(
     "--apply",
     type=WordChoice(["keep", "restore", "save"]),
     help="Gains at the end: keep until power-off, restore the old ones (with --yes), save for good.",
+    brief="Gains at the end: keep, restore or save.",
 )

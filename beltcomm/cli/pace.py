@@ -32,7 +32,14 @@ class Pace:
         self._begun_s = self._clock()
 
     def left(self, fraction: float, seconds_left: float | None) -> str:
-        """In words; nothing while it cannot be told."""
+        """In words; nothing while it cannot be told.
+
+        Parameters
+        ----------
+        fraction : float, 0 to 1
+        seconds_left : float or None
+            On the machine; None for a calculation, whose pace is measured.
+        """
         if seconds_left is not None:
             return tr(", {s:.0f} s left", s=seconds_left) if seconds_left >= 1.0 else ""
         passed_s = self._clock() - self._begun_s

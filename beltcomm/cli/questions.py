@@ -28,11 +28,12 @@ _OTHERWISE = {
     "effective_radius_m": "or teeth x pitch: 24 x 5 mm; or travel per turn: 120 mm/rev",
     "max_speed_rad_s": "or 3000 rpm",
     "speed_deg_s": "or 300 rpm",
-    "lead_m": "10 mm, or 10 mm/rev",
-    "pole_pair_m": "32 mm",
+    "lead_m": "or 10 mm/rev",
+    "pole_pair_m": "or 32 mm",
     "pinion_radius_m": "or teeth x module: 20 x 2 mm; or travel per turn: 200 mm/rev",
 }
-_NONE, _BACK, _DONE = ("none", "no", "-"), ("back", "<"), ("done", "fertig")
+#: Answers that mean: there is none; the question before; the rest is left out.
+NONE, _BACK, _DONE = ("none", "no", "-"), ("back", "<"), ("done", "fertig")
 _TEETH = re.compile(r"(\d+)\s*(?:teeth)?\s*[x×*]\s*(.+)", re.IGNORECASE)
 _TRAVEL_PER_TURN = ("lead_m", "pole_pair_m")
 _MODULE = re.compile(r"(\d+)\s*(?:teeth)?\s*[x×*]\s*(?:module|m)?\s*(.+)", re.IGNORECASE)
@@ -108,7 +109,7 @@ def ask_number(
             tell(f"    {key} is needed for {needed}; without it commissioning refuses to begin. Enter once more: not known yet")
             needed = ""
             continue
-        if not text or text.lower() in _NONE:
+        if not text or text.lower() in NONE:
             return None, ""
         try:
             value = otherwise(name, text)
@@ -149,9 +150,12 @@ def ask_word(question: str, known: Sequence[str], default: str) -> str:
     default : str
         For an empty answer.
     """
-    while (answer := reply(question, default, back=True).lower()) not in {"", *known}:
+    while True:
+        answer = reply(question, default, back=True).lower()
+        answer = next((word for word in known if tr(word).lower() == answer), answer)
+        if answer in {"", *known}:
+            return answer
         tell(f"    {answer!r}: {', '.join(known)}")
-    return answer
 
 
 def toothed(text: str) -> dict[tuple[str, str], float]:

@@ -9,39 +9,56 @@ from typing import Any
 import click
 
 from beltcomm.cli import options as shared
+from beltcomm.cli.help import About, option
 from beltcomm.errors import UsageError
 from beltcomm.outside import read_text
 from beltcomm.quantities import parse_quantity
 
-MAP = click.option(
+MAP = option(
     "--map",
     "mapping",
     multiple=True,
     metavar="OURS=THEIRS*SCALE|FILE",
     help="torque_nm=Iq*0.65, t_s=time*ms, position_rad=enc*rev/65536; or a file of such lines.",
+    brief="torque_nm=Iq*0.65, t_s=time*ms; or a file of such.",
 )
 RATE = click.option("--rate", metavar="HZ", help="Rows per second, when there is no time column (1000Hz, 2kHz).")
-PERIOD = click.option("--period", metavar="S", help="The same as time between rows (1ms).")
-TORQUE_ACTS = click.option(
+PERIOD = option("--period", topic=About.ROWS, metavar="S", help="The same as time between rows (1ms).")
+TORQUE_ACTS = option(
     "--torque-acts",
+    topic=About.ROWS,
     type=shared.WordChoice(["after", "before"]),
     help="After its row's time stamp, as in a table when left out, or before it; in a log of frames as the drive's profile says.",
 )
-FLIP = click.option(
-    "--flip", multiple=True, type=shared.WordChoice(["torque", "position"]), help="Turn the sign of all columns of the kind."
+FLIP = option(
+    "--flip",
+    topic=About.ROWS,
+    multiple=True,
+    type=shared.WordChoice(["torque", "position"]),
+    help="Turn the sign of all columns of the kind.",
 )
-UNWRAP = click.option(
-    "--unwrap", metavar="SPAN", help="The position is a counter that starts anew after SPAN, after scaling (1rev, 200mm)."
+UNWRAP = option(
+    "--unwrap",
+    topic=About.ROWS,
+    metavar="SPAN",
+    help="The position is a counter that starts anew after SPAN, after scaling (1rev, 200mm).",
 )
-DROP = click.option("--drop-incomplete", is_flag=True, help="Leave out rows in which a value is missing.")
-SEPARATOR = click.option(
-    "--separator", type=shared.WordChoice(["comma", "semicolon", "tab", "bar", "space"]), help="Of a text file; recognised when left out."
+DROP = option("--drop-incomplete", topic=About.ROWS, is_flag=True, help="Leave out rows in which a value is missing.")
+SEPARATOR = option(
+    "--separator",
+    topic=About.ROWS,
+    type=shared.WordChoice(["comma", "semicolon", "tab", "bar", "space"]),
+    help="Of a text file; recognised when left out.",
 )
-DECIMAL = click.option("--decimal", type=shared.WordChoice(["point", "comma"]), help="Of a text file; recognised when left out.")
-CHANNEL = click.option("--channel", metavar="NAME", help="Of a log of several interfaces: can0.")
-NODE = click.option("--node", type=click.IntRange(1, 127), help="Of a log of several drives: the node.")
-SIGNAL = click.option("--signal", "signals", multiple=True, metavar="NAME=ID:BYTE:TYPE", help="What frames carry: 6064h=181:0:i32.")
-DBC = click.option("--dbc", type=click.Path(path_type=Path), help="DBC file that says what frames carry.")
+DECIMAL = option(
+    "--decimal", topic=About.ROWS, type=shared.WordChoice(["point", "comma"]), help="Of a text file; recognised when left out."
+)
+CHANNEL = option("--channel", topic=About.BUS, metavar="NAME", help="Of a log of several interfaces: can0.")
+NODE = option("--node", topic=About.BUS, type=click.IntRange(1, 127), help="Of a log of several drives: the node.")
+SIGNAL = option(
+    "--signal", "signals", topic=About.BUS, multiple=True, metavar="NAME=ID:BYTE:TYPE", help="What frames carry: 6064h=181:0:i32."
+)
+DBC = option("--dbc", topic=About.BUS, type=click.Path(path_type=Path), help="DBC file that says what frames carry.")
 
 
 def reading_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -52,8 +69,8 @@ def reading_options(command: Callable[..., Any]) -> Callable[..., Any]:
     command : callable
         Of the verb.
     """
-    for option in (DBC, SIGNAL, NODE, CHANNEL, DROP, DECIMAL, SEPARATOR, UNWRAP, FLIP, TORQUE_ACTS, PERIOD, RATE, MAP):
-        command = option(command)
+    for each in (DBC, SIGNAL, NODE, CHANNEL, DROP, DECIMAL, SEPARATOR, UNWRAP, FLIP, TORQUE_ACTS, PERIOD, RATE, MAP):
+        command = each(command)
     return command
 
 

@@ -10,12 +10,16 @@ import click
 
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Invocation, api
+from beltcomm.cli.help import option
 
 
 @click.command("rollback")
 @partial(shared.writing_options, needed=False)
-@click.option(
-    "--backup", metavar="FILE|list", help="Another backup of the run, by name or path; list shows them all. The first when left out."
+@option(
+    "--backup",
+    metavar="FILE|list",
+    help="Another backup of the run, by name or path; list shows them all. The first when left out.",
+    brief="Another backup of the run; list shows them all.",
 )
 @shared.force_option
 @click.pass_context

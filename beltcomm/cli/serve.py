@@ -8,15 +8,17 @@ import click
 
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Invocation, api, options_of
+from beltcomm.cli.help import option
 
 
 @click.command("serve")
-@click.option(
+@option(
     "--on",
     required=True,
     metavar="INTERFACE",
     help="slcan: a pseudo-terminal that looks like a serial CAN adapter; socket:PORT: the same over TCP on this computer; can0, vcan0: "
     "SocketCAN; any other interface that --drive knows; rs232: the drive's RS-232 port on a pseudo-terminal, always at the wall clock.",
+    brief="slcan, socket:PORT, rs232, can0, vcan0 ...",
 )
 @shared.serving_options
 @shared.output_options

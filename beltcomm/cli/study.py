@@ -8,18 +8,37 @@ import click
 
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Invocation, api
+from beltcomm.cli.help import option
 
 
 @click.command("study")
 @click.argument("file", metavar="STUDY")
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Folder of the results; studies/STUDY when left out.")
-@click.option("--workers", type=click.IntRange(1, 1024), help="Processes on this machine; one per processor when left out.")
-@click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers compute instead, such as tcp://10.0.0.5:8786.")
-@click.option(
-    "--limit", type=click.IntRange(0), metavar="N", help="Compute at most N more members, then say what is known; 0: only say it."
+@option(
+    "--workers",
+    type=click.IntRange(1, 1024),
+    help="Processes on this machine; one per processor when left out.",
+    brief="Processes here; one per processor when left out.",
 )
-@click.option(
-    "--member", type=click.IntRange(0), metavar="K", help="Compute member K alone and show it; with --out its plant and run stay."
+@option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Dask scheduler whose workers compute instead, such as tcp://10.0.0.5:8786.",
+    brief="Dask scheduler whose workers compute instead.",
+)
+@option(
+    "--limit",
+    type=click.IntRange(0),
+    metavar="N",
+    help="Compute at most N more members, then say what is known; 0: only say it.",
+    brief="Compute at most N more; 0: say what is known.",
+)
+@option(
+    "--member",
+    type=click.IntRange(0),
+    metavar="K",
+    help="Compute member K alone and show it; with --out its plant and run stay.",
+    brief="Compute member K alone and show it.",
 )
 @click.option("--report/--no-report", default=True, help="The page study.html in the folder; made when left out.")
 @shared.output_options

@@ -86,12 +86,25 @@ class PlainTalk:
         self._stream.flush()
 
     def detail(self, *lines: str) -> None:
-        """A log has them; a terminal only where details were asked for."""
+        """A log has them; a terminal only where details were asked for.
+
+        Parameters
+        ----------
+        *lines : str
+            As of :meth:`beltcomm.talk.Talk.say`.
+        """
         if self._details or not self._stream.isatty():
             self.say(*lines)
 
     def found(self, name: str, value: str) -> None:
-        """A line for each number that is found on the way."""
+        """A line for each number that is found on the way.
+
+        Parameters
+        ----------
+        name : str
+        value : str
+            With its unit.
+        """
         self.say(f"      {name} {value}")
 
     def confirm(self, text: str) -> bool:
@@ -99,7 +112,14 @@ class PlainTalk:
         return _ask(text, self._stream)
 
     def choose(self, question: str, choices: Mapping[str, str]) -> str:
-        """Ask for one of the keys; the last one for an empty answer."""
+        """Ask for one of the keys; the last one for an empty answer.
+
+        Parameters
+        ----------
+        question : str
+        choices : mapping of str to str
+            Words of each key.
+        """
         return _choose(question, choices, self._stream)
 
     def attended(self) -> bool:
@@ -155,12 +175,25 @@ class RichTalk:
         draw(lines, self._console, self._stream)
 
     def detail(self, *lines: str) -> None:
-        """Above the display where details were asked for."""
+        """Above the display where details were asked for.
+
+        Parameters
+        ----------
+        *lines : str
+            As of :meth:`beltcomm.talk.Talk.say`.
+        """
         if self._details:
             self.say(*lines)
 
     def found(self, name: str, value: str) -> None:
-        """Kept in the display."""
+        """Kept in the display.
+
+        Parameters
+        ----------
+        name : str
+        value : str
+            With its unit.
+        """
         self._found[name] = value
 
     def confirm(self, text: str) -> bool:
@@ -169,7 +202,14 @@ class RichTalk:
         return _ask(text, self._stream)
 
     def choose(self, question: str, choices: Mapping[str, str]) -> str:
-        """Ask below everything for one of the keys; the last one for an empty answer."""
+        """Ask below everything for one of the keys; the last one for an empty answer.
+
+        Parameters
+        ----------
+        question : str
+        choices : mapping of str to str
+            Words of each key.
+        """
         self.close(done=True)
         return _choose(question, choices, self._stream)
 

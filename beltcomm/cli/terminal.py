@@ -49,7 +49,7 @@ def draws(stream: TextIO) -> bool:
     return stream.isatty() and os.environ.get("TERM", "").lower() not in DUMB
 
 
-def width_of(stream: TextIO) -> int:
+def _width_of(stream: TextIO) -> int:
     """Columns of the terminal behind a stream; of each stream its own, for one of them may be a pipe."""
     try:
         told = int(os.environ.get("COLUMNS", "0"))
@@ -73,7 +73,7 @@ def fitted(line: str, stream: TextIO) -> str:
         Written to.
     """
     line = for_terminal(line)
-    if not stream.isatty() or len(line) <= (width := width_of(stream)):
+    if not stream.isatty() or len(line) <= (width := _width_of(stream)):
         return line
     label = LABEL.match(line)
     indent = " " * (label.end() if label and 2 * label.end() <= width else len(line) - len(line.lstrip()) + 2)
@@ -84,9 +84,9 @@ def _plain(line: str, stream: TextIO) -> str:
     """A line for a terminal that only prints, or a pipe."""
     from beltcomm.result import Line
 
-    if isinstance(line, Line) and stream.isatty() and len(line) > width_of(stream) and not any(s == "command" for _, s in line.parts):
+    if isinstance(line, Line) and stream.isatty() and len(line) > _width_of(stream) and not any(s == "command" for _, s in line.parts):
         parts = [(for_terminal(text), style) for text, style in line.parts]
-        return "\n".join("".join(text for text, _ in row) for row in _narrow(parts, width_of(stream)))
+        return "\n".join("".join(text for text, _ in row) for row in _narrow(parts, _width_of(stream)))
     if isinstance(line, Line) and any(style == "command" for _, style in line.parts):
         return for_terminal(line)
     return fitted(line, stream)
@@ -102,7 +102,7 @@ def console_of(stream: TextIO) -> Console:
     """
     from rich.console import Console
 
-    return Console(file=stream, width=width_of(stream), highlight=False, markup=False, emoji=False)
+    return Console(file=stream, width=_width_of(stream), highlight=False, markup=False, emoji=False)
 
 
 def _in_language(line: str) -> str:

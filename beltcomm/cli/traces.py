@@ -53,7 +53,17 @@ class Traces:
         return {} if self._log is None else {"log": self._log}
 
     def leave(self, run: Path, verb: str, code: int) -> list[str]:
-        """Write them; returns what to say about it.   Never raises: they must not hide how the command ended."""
+        """Write them; returns what to say about it.   Never raises: they must not hide how the command ended.
+
+        Parameters
+        ----------
+        run : Path
+            Folder that they go to.
+        verb : str
+            First part of the file's name.
+        code : int
+            Exit code of the command: a bad one makes a bundle, too.
+        """
         if self._log is None or not len(self._log):
             return []
         said = []

@@ -9,20 +9,21 @@ import click
 
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Invocation, api, options_of
+from beltcomm.cli.help import About, option
 
 
-def _quantity(words: str, name: str, meaning: str, *, required: bool = False) -> Callable[[shared.Function], shared.Function]:
+def _quantity(words: str, name: str, meaning: str, *, needed: bool = False) -> Callable[[shared.Function], shared.Function]:
     """An option with its unit.   words : ``--speed``.   name : of the argument, whose suffix is the unit."""
-    return click.option(words, name, type=shared.QuantityType(name), help=meaning, required=required)
+    return option(words, name, topic=None if needed else About.MOVE, type=shared.QuantityType(name), help=meaning, required=needed)
 
 
 @click.command("trajectory")
 @click.argument("file", type=click.Path(path_type=Path))
-@_quantity("--from", "start_m", "Where it begins.", required=True)
-@_quantity("--to", "end_m", "Where it ends.", required=True)
-@_quantity("--speed", "speed_m_s", "Largest speed towards the end.", required=True)
-@_quantity("--acceleration", "acceleration_m_s2", "Largest acceleration towards the end.", required=True)
-@_quantity("--jerk", "jerk_m_s3", "How fast the acceleration may rise.", required=True)
+@_quantity("--from", "start_m", "Where it begins.", needed=True)
+@_quantity("--to", "end_m", "Where it ends.", needed=True)
+@_quantity("--speed", "speed_m_s", "Largest speed towards the end.", needed=True)
+@_quantity("--acceleration", "acceleration_m_s2", "Largest acceleration towards the end.", needed=True)
+@_quantity("--jerk", "jerk_m_s3", "How fast the acceleration may rise.", needed=True)
 @_quantity("--speed-back", "speed_back_m_s", "Largest speed the other way; --speed when left out, 0 forbids it.")
 @_quantity("--deceleration", "deceleration_m_s2", "Largest deceleration; --acceleration when left out.")
 @_quantity("--jerk-down", "jerk_down_m_s3", "How fast the acceleration may fall; --jerk when left out.")
@@ -31,11 +32,12 @@ def _quantity(words: str, name: str, meaning: str, *, required: bool = False) ->
 @_quantity("--end-velocity", "end_velocity_m_s", "Velocity at the end, signed; 0 when left out.")
 @_quantity("--end-acceleration", "end_acceleration_m_s2", "Acceleration at the end, signed; 0 when left out.")
 @_quantity("--period", "period_s", "Time between rows; 1 ms when left out.")
-@click.option(
+@option(
     "--led",
     type=click.Path(path_type=Path),
     metavar="RUN",
     help="Write the reference that leads this run's axis along the motion: for drives that take positions and have no feedforward.",
+    brief="Write the reference that leads this run's axis.",
 )
 @click.option("--yes", is_flag=True, help="Overwrite an existing file.")
 @shared.output_options

@@ -9,6 +9,7 @@ import click
 
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Invocation, api
+from beltcomm.cli.help import About, option
 from beltcomm.errors import UsageError
 
 
@@ -16,18 +17,25 @@ from beltcomm.errors import UsageError
 @shared.machine_options
 @shared.existing_run_option
 @click.option("--move", type=click.Path(path_type=Path), metavar="CSV", help="Your own move: columns t_s, position_m.")
-@click.option("--trajectory", metavar="NAME", help="Limits of the 0 to 0.5 m move, from axis.yaml; T_A when left out.")
+@option(
+    "--trajectory",
+    metavar="NAME",
+    help="Limits of the 0 to 0.5 m move, from axis.yaml; T_A when left out.",
+    brief="Limits of the move, from axis.yaml; T_A when left out.",
+)
 @shared.sent_feedforward_option
 @shared.target_option
-@click.option("--rungs", is_flag=True, help="The move five times: what each step beyond the design source brings.")
-@click.option(
+@option("--rungs", topic=About.MOVE, is_flag=True, help="The move five times: what each step beyond the design source brings.")
+@option(
     "--learn",
     type=click.IntRange(2, 50),
     metavar="N",
     help="The move N times more: each time with a torque learnt from what was left before, as far as the model is trusted.",
+    brief="The move N times more, each with a torque learnt before.",
 )
-@click.option(
+@option(
     "--over-belt",
+    topic=About.MOVE,
     is_flag=True,
     help="Virtual drives only: no limit of the belt, nor of the way of a stop, holds the move back (T_B of the thesis).",
 )

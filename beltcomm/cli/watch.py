@@ -14,6 +14,7 @@ from beltcomm.borders import for_json
 from beltcomm.cli import completion
 from beltcomm.cli import options as shared
 from beltcomm.cli.frame import Invocation, api
+from beltcomm.cli.help import About, option
 from beltcomm.cli.reading import reading_of, reading_options
 from beltcomm.cli.terminal import echo
 
@@ -35,28 +36,42 @@ class WaitingClock:
 
 
 @click.command("watch")
-@click.option(
+@option(
     "--drive",
     metavar="DRIVE",
     shell_complete=completion.drives,
     help="Bus that is listened to while its own controller moves the drive: can0, slcan:/dev/ttyACM0, ...; virtual plays a production.",
+    brief="Bus to listen to: can0, slcan:/dev/ttyACM0, virtual.",
 )
 @click.option("--log", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE", help="A log of CAN frames or a table; it may grow.")
 @shared.existing_run_option
-@click.option("--limit", "limits", multiple=True, metavar="KEY=LIMIT", help="KEY=-20%, KEY=+50% of the run, KEY=0.2 in SI, KEY=none.")
+@option(
+    "--limit",
+    "limits",
+    multiple=True,
+    metavar="KEY=LIMIT",
+    help="KEY=-20%, KEY=+50% of the run, KEY=0.2 in SI, KEY=none.",
+    brief="KEY=-20% or KEY=+50% of the run, KEY=0.2 in SI.",
+)
 @click.option("--moves", type=click.IntRange(1), metavar="N", help="End after so many moves.")
 @click.option("--until-alarm", is_flag=True, help="End with the first alarm.")
-@click.option(
+@option(
     "--idle",
     "idle_s",
     type=shared.QuantityType("idle_s"),
     help="End when nothing has come for so long: 10s for a log, never for a bus.",
+    brief="End when nothing has come for so long.",
 )
 @click.option("--follow", is_flag=True, help="Wait for a log to grow, however long that takes.")
-@click.option("--anew", is_flag=True, help="After a maintenance: the next moves are the base that changes are held against.")
-@click.option("--silent", is_flag=True, help="Not even ask the drive what its process data mean: --signal and --map say it.")
-@click.option("--bitrate", type=click.IntRange(9_600, 1_000_000), help="Bit rate of the CAN bus.")
-@click.option("--seed", type=click.IntRange(0), help="Virtual drive: seed of everything random.")
+@option(
+    "--anew",
+    is_flag=True,
+    help="After a maintenance: the next moves are the base that changes are held against.",
+    brief="After a maintenance: the next moves are the new base.",
+)
+@option("--silent", topic=About.BUS, is_flag=True, help="Not even ask the drive what its process data mean: --signal and --map say it.")
+@option("--bitrate", topic=About.BUS, type=click.IntRange(9_600, 1_000_000), help="Bit rate of the CAN bus.")
+@option("--seed", topic=About.BUS, type=click.IntRange(0), help="Virtual drive: seed of everything random.")
 @reading_options
 @shared.output_options
 @click.pass_obj

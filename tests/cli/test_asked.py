@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from beltcomm.cli.main import cli
-from beltcomm.cli.options import specification_of, specification_options
+from beltcomm.cli.specification import specification_of, specification_options
 from beltcomm.design.specification import PRODUCT_SPECIFICATION, Specification
 from beltcomm.errors import UsageError
 
@@ -53,7 +53,7 @@ def test_what_cannot_be_asked_is_a_sentence(words: tuple[str, ...]) -> None:
 
 @pytest.mark.parametrize("verb", ["commission", "design"])
 def test_both_verbs_ask_the_same(verb: str) -> None:
-    said = CliRunner().invoke(cli, [verb, "--help"]).output
+    said = CliRunner().invoke(cli, [verb, "--help-all"]).output
     for option in (
         "--demand",
         "--phase-margin",

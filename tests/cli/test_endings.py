@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from beltcomm.cli.frame import typed
+from beltcomm.cli.frame import _typed
 from beltcomm.cli.main import like_ctrl_c
 
 
@@ -53,4 +53,4 @@ def test_what_to_type_next_is_what_the_terminal_finds(
     monkeypatch.setattr(sys, "argv", [str(tmp_path / "bin" / "beltcomm")])
     monkeypatch.setattr("shutil.which", lambda _: found)
     lines = ["beltcomm fit: 3 records", "Next: beltcomm fit R   (a model)", "next: then `beltcomm fit R` again"]
-    assert list(typed(lines)) == [lines[0], "  Next  a model", f"    {shown}", "  Next  then again", f"    {shown}"]
+    assert list(_typed(lines)) == [lines[0], "  Next  a model", f"    {shown}", "  Next  then again", f"    {shown}"]

@@ -374,7 +374,7 @@ def test_every_verb_prints_one_json_object(api: StandIn, monkeypatch: pytest.Mon
 
 @pytest.mark.parametrize("verb", VERBS)
 def test_every_verb_has_help_json_and_verbosity(verb: str) -> None:
-    outcome = call(verb, "--help")
+    outcome = call(verb, "--help-all")
     assert outcome.exit_code == 0
     assert "--json" in outcome.stdout
     assert "--verbose" in outcome.stdout
@@ -382,7 +382,7 @@ def test_every_verb_has_help_json_and_verbosity(verb: str) -> None:
 
 @pytest.mark.parametrize("verb", ["commission", "identify", "friction", "verify", "move"])
 def test_every_verb_that_moves_can_be_asked_for_its_plan(verb: str) -> None:
-    text = call(verb, "--help").stdout
+    text = call(verb, "--help-all").stdout
     assert all(option in text for option in ("--drive", "--yes", "--dry-run", "--seed"))
 
 

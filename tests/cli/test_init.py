@@ -14,10 +14,11 @@ from beltcomm.axis import Axis, load_axis
 from beltcomm.axis.answers import USUAL, in_words, parts, usual, with_part
 from beltcomm.axis.entries import COMMISSION_NEEDS, SECTIONS, entries_of, meaning_of
 from beltcomm.axis.kinds import KINDS
-from beltcomm.axis.written import commented
+from beltcomm.axis.written import TITLES, commented
 from beltcomm.cli.main import cli
-from beltcomm.configfiles import config_names, find_config, read_yaml
+from beltcomm.configfiles import config_names, find_config, read_yaml, to_yaml, write_text
 from beltcomm.errors import UsageError
+from beltcomm.language import catalogue
 from beltcomm.quantities import parse_quantity
 from beltcomm.schedule.steps import KEYS
 
@@ -162,3 +163,89 @@ def test_done_leaves_out_all_that_commissioning_does_not_need(tmp_path: Path) ->
     questions = re.findall(r"\[(\d+)/\d+\]", outcome.output)
     assert questions[:3] == ["1", "2", "3"]
     assert len(questions) == 3 + len([entry for entry in COMMISSION_NEEDS if entry != "motor.inertia_kg_m2"])
+
+
+@pytest.mark.parametrize("kind", ["belt", *KINDS])
+@pytest.mark.parametrize("language", ["", "de"])
+def test_the_questions_are_walked_to_the_last(kind: str, language: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every section has a title and every entry its words; the answers come back from the file."""
+    monkeypatch.setenv("BELTCOMM_LANG", language)
+    path = tmp_path / "axis.yaml"
+    own = KINDS.get(kind)
+    sections = own.sections() if own is not None else {name: entries_of(one) for name, one in SECTIONS.items()}
+    outcome = call(
+        "init", str(path), answer="\n".join([kind, *["none"] * ((kind == "belt") + (kind != "linear")), "axis 1", *["", ""] * 80])
+    )
+    assert outcome.exit_code == 0, outcome.stderr
+    count = sum(len(entries) for entries in sections.values()) + 2
+    assert f"[{count}/{count}]" in outcome.stderr
+    if language:
+        known = catalogue(language)
+        words = {
+            entry.meaning
+            for section, entries in (own.sections() if own else {}).items()
+            for name, entry in entries.items()
+            if f"{section}.{name}" in own.renamed
+        }
+        assert sorted(words - set(known)) == []
+        english = {*TITLES.values(), *(own.titles.values() if own else ())} & set(known)
+        assert not any(f"\n{title}\n" in outcome.stderr for title in english if known[title] != title)
+    assert load_axis(path).kind == kind
+
+
+def test_an_interruption_keeps_what_the_catalogue_said(tmp_path: Path) -> None:
+    path = tmp_path / "axis.yaml"
+    begun = call("init", str(path), answer="belt\nback\nbelt\nfesto-egc-70\ndone\nback\naxis 1\n\n0,449 kg cm2\n")
+    assert begun.exit_code == 2
+    assert "is kept in" in begun.stderr
+    outcome = call("init", str(path), answer="\n" * 90)
+    assert outcome.exit_code == 0, outcome.stderr
+    axis = load_axis(path)
+    assert (axis.name, axis.pulley.teeth, axis.motor.inertia_kg_m2) == ("axis 1", 26, pytest.approx(44.9e-6))
+
+
+@pytest.fixture
+def sheet(tmp_path: Path) -> Path:
+    """A shipped axis without its preload, with a speed that no axis has."""
+    data = load_axis("egc-70-600").to_dict()
+    del data["belt"]["preload_n"]
+    data["limits"]["speed_m_s"] = 50.0
+    write_text(tmp_path / "sheet.yaml", to_yaml(data))
+    return tmp_path / "sheet.yaml"
+
+
+def test_of_a_file_only_what_is_missing_or_unusual_is_asked(sheet: Path, tmp_path: Path) -> None:
+    path = tmp_path / "axis.yaml"
+    outcome = call("init", str(path), "--from", str(sheet), answer="done\n5\n\n")
+    assert outcome.exit_code == 0, outcome.output
+    asked = re.findall(r"^\[\d+/\d+\] ([^:\[]*)", outcome.stderr, re.MULTILINE)
+    assert all("inertia" not in question and "travel" not in question for question in asked)
+    assert "[2] inertia 0.449 kg cm²" in outcome.stderr
+    assert load_axis(path).limits.speed_m_s == 5.0, "asked for, done or not"
+
+
+def test_an_unusual_value_of_a_file_is_asked_for_and_said_to_be_so(sheet: Path, tmp_path: Path) -> None:
+    path = tmp_path / "axis.yaml"
+    outcome = call("init", str(path), "--from", str(sheet), answer="\n" * 3 + "105\n" + "5\n" + "\n" * 20)
+    assert outcome.exit_code == 0, outcome.output
+    assert "usual are" in outcome.stderr
+    assert load_axis(path).belt.preload_n == 105.0
+    assert load_axis(path).limits.speed_m_s == 5.0
+    known = load_axis(sheet).to_dict()
+    assert load_axis(path).to_dict()["motor"] == known["motor"]
+
+
+def test_a_number_changes_what_was_kept(sheet: Path, tmp_path: Path) -> None:
+    path = tmp_path / "axis.yaml"
+    outcome = call("init", str(path), "--from", str(sheet), answer="done\n\n2\n0.5 kg cm2\n99\n\n")
+    assert outcome.exit_code == 0, outcome.output
+    assert load_axis(path).motor.inertia_kg_m2 == pytest.approx(0.5e-4)
+    assert "'99': 1 ... " in outcome.stderr
+
+
+def test_everything_is_asked_where_that_is_wished(sheet: Path, tmp_path: Path) -> None:
+    path = tmp_path / "axis.yaml"
+    outcome = call("init", str(path), "--from", str(sheet), "--ask-all", answer="\n" * 60)
+    assert outcome.exit_code == 0, outcome.output
+    assert "[2/" in outcome.stderr
+    assert load_axis(path).to_dict() == load_axis(sheet).to_dict()

@@ -7,9 +7,9 @@ import re
 
 import pytest
 
-from beltcomm.cli.display import window_line
+from beltcomm.cli.display import _window_line
 from beltcomm.cli.talk import PlainTalk, RichTalk, terminal_talk
-from beltcomm.cli.terminal import WIDEST, echo, failure, fitted, width_of
+from beltcomm.cli.terminal import WIDEST, _width_of, echo, failure, fitted
 from beltcomm.drive.finding import Finding
 from beltcomm.jobs.doctor import _lines
 from beltcomm.result import jsonable, table
@@ -54,7 +54,7 @@ def test_a_line_is_no_wider_than_the_terminal(monkeypatch: pytest.MonkeyPatch) -
 @pytest.mark.parametrize("columns", ["-5", "0", "abc", "", "9" * 30])
 def test_a_width_that_is_none(monkeypatch: pytest.MonkeyPatch, columns: str) -> None:
     monkeypatch.setenv("COLUMNS", columns)
-    assert 1 <= width_of(Terminal()) <= WIDEST
+    assert 1 <= _width_of(Terminal()) <= WIDEST
     assert fitted("word " * 50, Terminal()).split() == ["word"] * 50
 
 
@@ -111,17 +111,17 @@ def test_the_talk_of_a_dumb_terminal_is_plain(monkeypatch: pytest.MonkeyPatch) -
 @pytest.mark.parametrize("columns", [100, 60, 40])
 def test_the_carriage_is_shown_inside_its_window(columns: int) -> None:
     for share, at in ((-0.1, 0.0), (0.0, 0.0), (0.25, 0.25), (1.0, 1.0), (1.2, 1.0)):
-        line = window_line(CarriagePosition("frf_1", -0.01 + 0.58 * share, (-0.01, 0.57)), columns).plain
+        line = _window_line(CarriagePosition("frf_1", -0.01 + 0.58 * share, (-0.01, 0.57)), columns).plain
         low, bar, high = re.split(r"[\[\]]", line)
         assert (low.strip(), high.split("carriage")[0].rstrip()) == ("-10 mm", " 570 mm")
         assert bar.index("|") == pytest.approx(at * (len(bar) - 1), abs=0.51)
         assert ("(outside)" in line) is not (0.0 <= share <= 1.0)
         assert f"carriage at {-10 + 580 * share:.0f} mm" in line
         assert max(map(len, line.removesuffix(" (outside)").split("\n"))) <= columns
-    unknown = window_line(CarriagePosition("frf_1", 0.003, (-0.02, 0.02), known=False), columns).plain
+    unknown = _window_line(CarriagePosition("frf_1", 0.003, (-0.02, 0.02), known=False), columns).plain
     assert "+3 mm" in unknown
     assert "-20 mm [" in unknown
-    assert "[" not in window_line(CarriagePosition("frf_1", 0.003, (float("-inf"), float("inf"))), columns).plain
+    assert "[" not in _window_line(CarriagePosition("frf_1", 0.003, (float("-inf"), float("inf"))), columns).plain
 
 
 def test_the_display_tells_phase_record_seconds_and_place() -> None:

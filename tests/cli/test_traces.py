@@ -17,9 +17,9 @@ from beltcomm import api
 from beltcomm.cli.main import cli
 from beltcomm.drive import Drive, open_drive
 from beltcomm.errors import UsageError
-from beltcomm.jobs.bundle import VERSIONS, bundle, scrubbed, write_bundle
+from beltcomm.jobs.bundle import VERSIONS, _scrubbed, bundle, write_bundle
 from beltcomm.rundata import buslog
-from beltcomm.rundata.buslog import BusLog, Frame, is_cyclic
+from beltcomm.rundata.buslog import BusLog, Frame, _is_cyclic
 from beltcomm.virtual.faults import Faults
 from beltcomm_adapters.canopen import LoggedBus, connect
 
@@ -71,8 +71,8 @@ def test_cyclic_frames_are_kept_for_a_while_and_the_others_for_good(monkeypatch:
 
 def test_what_is_cyclic_is_told_by_the_identifier() -> None:
     """CiA 301, tables 38 and 39: SYNC 80h, PDOs 180h to 57Fh, NMT error control 700h on."""
-    assert all(is_cyclic(i) for i in (0x80, 0x181, 0x57F, 0x701))
-    assert not any(is_cyclic(i) for i in (0x0, 0x81, 0xFF, 0x581, 0x601, 0x67F))
+    assert all(_is_cyclic(i) for i in (0x80, 0x181, 0x57F, 0x701))
+    assert not any(_is_cyclic(i) for i in (0x0, 0x81, 0xFF, 0x581, 0x601, 0x67F))
 
 
 def test_a_logged_bus_writes_down_all_that_passes_the_hosts_end(tmp_path: Path) -> None:
@@ -170,4 +170,4 @@ def test_a_bundle_replaces_nothing_but_a_bundle(tmp_path: Path) -> None:
 
 
 def test_units_are_no_paths() -> None:
-    assert scrubbed("1/s, kg/m, N/m/s and 1e-3/2/3", []) == "1/s, kg/m, N/m/s and 1e-3/2/3"
+    assert _scrubbed("1/s, kg/m, N/m/s and 1e-3/2/3", []) == "1/s, kg/m, N/m/s and 1e-3/2/3"

@@ -244,7 +244,7 @@ def test_a_failure_in_a_phase_gives_the_terminal_back(capfd: pytest.CaptureFixtu
 
 @pytest.mark.parametrize("verb", VERBS)
 def test_every_help_shows_an_example_whose_options_it_has(verb: str) -> None:
-    shown = call(verb, "--help").stdout
+    shown = call(verb, "--help-all").stdout
     found = re.search(rf"Example: beltcomm {verb}\b(.*?)\n\s*\n", shown, re.DOTALL)
     assert found
     assert [
