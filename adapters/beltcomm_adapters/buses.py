@@ -50,9 +50,20 @@ class Address:
 
     @classmethod
     def parse(cls, text: str) -> Address:
-        """``can0``, ``vcan0`` (SocketCAN) · ``/dev/ttyACM0``, ``COM3``, ``socket://host:port`` (slcan) · ``pcan:PCAN_USBBUS1``
-        (any interface of python-can).  Raises UsageError."""
-        if is_socketcan(text):
+        """Interface and channel of an address as people write it.
+
+        Parameters
+        ----------
+        text : str
+            ``can0``, ``vcan0`` (SocketCAN); ``/dev/ttyACM0``, ``COM3``, ``socket://host:port`` (slcan); ``pcan:PCAN_USBBUS1`` (any
+            interface of python-can).
+
+        Raises
+        ------
+        UsageError
+            For what is no CAN interface.
+        """
+        if _is_socketcan(text):
             return cls("socketcan", text)
         if _SERIAL_PORT.match(text):
             return cls("slcan", text)
@@ -66,7 +77,7 @@ class Address:
         )
 
 
-def is_socketcan(name: str) -> bool:
+def _is_socketcan(name: str) -> bool:
     """True if a drive's name is that of a SocketCAN interface."""
     return _SOCKETCAN.fullmatch(name) is not None
 
@@ -79,7 +90,7 @@ def is_can_bus(name: str) -> bool:
     name : str
         As for ``--drive``.
     """
-    return is_socketcan(name) or name.partition(":")[0] in can.VALID_INTERFACES
+    return _is_socketcan(name) or name.partition(":")[0] in can.VALID_INTERFACES
 
 
 def open_bus(address: Address, bitrate: int, **more: Any) -> can.BusABC:

@@ -20,7 +20,7 @@ LARGEST_LOAD: Final = 0.6
 _SAME_S: Final = 1e-9
 
 
-def frame_bits(data_bytes: int) -> int:
+def _frame_bits(data_bytes: int) -> int:
     """Bits of a frame with an 11-bit identifier on the bus, worst-case stuffing and the space behind it included.
 
     44 + 8 n bits, of which 34 + 8 n can be stuffed by one bit in four, and 3 of intermission.
@@ -29,12 +29,12 @@ def frame_bits(data_bytes: int) -> int:
 
 
 #: A sign of life (remote frame or heartbeat) and the answer to it, in every period of guarding.
-_LIFE_BITS: Final = frame_bits(0) + frame_bits(1)
+_LIFE_BITS: Final = _frame_bits(0) + _frame_bits(1)
 
 
-def cycle_s(bitrate: int, frames: Iterable[int]) -> float:
+def _cycle_s(bitrate: int, frames: Iterable[int]) -> float:
     """Time on the bus, s, of a SYNC and of frames with so many data bytes each."""
-    return (frame_bits(0) + sum(map(frame_bits, frames))) / bitrate
+    return (_frame_bits(0) + sum(map(_frame_bits, frames))) / bitrate
 
 
 def fullest(profile: Profile, modes: Iterable[int]) -> tuple[int, ...]:
@@ -43,14 +43,13 @@ def fullest(profile: Profile, modes: Iterable[int]) -> tuple[int, ...]:
     Parameters
     ----------
     profile : Profile
-        Of the drive.
     modes : iterable of int
         Modes of operation that count.
     """
     sent = [sum(bits for *_, bits in entries) // 8 for entries in arrangements(profile.mapped_torque)[0]]
     layouts = [layout_of(mode, profile.offsets) for mode in profile.modes.values() if mode in set(modes)]
     received = [[sum(bits for *_, bits in entries) // 8 for entries in layout.received] for layout in layouts] or [[]]
-    return (*max(received, key=lambda frames: sum(map(frame_bits, frames))), *sent)
+    return (*max(received, key=lambda frames: sum(map(_frame_bits, frames))), *sent)
 
 
 @dataclass(frozen=True)
@@ -92,7 +91,7 @@ def plan_exchange(bitrate: int | None, frames: tuple[int, ...], shortest_s: floa
     least = max(shortest_s, wanted_s or 0.0)
     busy_s = life = 0.0
     if bitrate is not None:
-        busy_s, life = cycle_s(bitrate, frames), _LIFE_BITS / bitrate * SIGNS_PER_GUARD_TIME / GUARD_S
+        busy_s, life = _cycle_s(bitrate, frames), _LIFE_BITS / bitrate * SIGNS_PER_GUARD_TIME / GUARD_S
         if life >= LARGEST_LOAD:
             raise UsageError(f"{bitrate / 1000:g} kbit/s do not even carry the signs of life that guard the axis; set a higher bit rate")
         least = max(least, busy_s / (LARGEST_LOAD - life))
@@ -116,7 +115,6 @@ def shortest_period_s(profile: Profile, modes: Iterable[int], bitrate: int | Non
     Parameters
     ----------
     profile : Profile
-        Of the drive.
     modes, bitrate, steps_s
         As above.
     """

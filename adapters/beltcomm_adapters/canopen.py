@@ -185,7 +185,17 @@ class CanopenDrive(ObjectDrive):
         return found
 
     def quick_stop_rad_s2(self, limits: Limits) -> float | None:
-        """Deceleration that a quick stop really has under these limits, motor shaft; None where nobody can tell.   Nothing moves."""
+        """Deceleration that a quick stop really has under these limits, motor shaft.   Nothing moves.
+
+        Parameters
+        ----------
+        limits : Limits, motor shaft
+
+        Returns
+        -------
+        float or None
+            None where nobody can tell.
+        """
         return quick_stop_rad_s2(self._objects, self._scaling, limits)
 
     def _tell(self, sentences: Sequence[str]) -> None:
@@ -372,7 +382,6 @@ def connect(
     bus : BusABC
         Open.
     clock : Clock
-        Of the bus.
     node : int or None
         Its number; None for the only one.
     profile : str or None
@@ -419,9 +428,7 @@ def connect(
 
 def _open(address: str, options: Mapping[str, object]) -> Drive:
     _check_known(options, _OPTIONS)
-    node = whole_number(options, "node", None, 1, 126)
-    bitrate = whole_number(options, "bitrate", DEFAULT_BITRATE, 10_000, 1_000_000)
-    assert bitrate is not None
+    node, bitrate = _node_and_bitrate(options)
     profile, period_s = profile_name(options), number(options, "sample_period", None)
     clock = MonotonicClock()
     bus = open_bus(Address.parse(address), bitrate)
@@ -433,12 +440,16 @@ def _open(address: str, options: Mapping[str, object]) -> Drive:
 
 def _listen(address: str, options: Mapping[str, object]) -> Listening:
     _check_known(options, ("node", "bitrate", "silent"))
-    node = whole_number(options, "node", None, 1, 126)
-    bitrate = whole_number(options, "bitrate", DEFAULT_BITRATE, 10_000, 1_000_000)
-    assert bitrate is not None
+    node, bitrate = _node_and_bitrate(options)
     clock = MonotonicClock()
     bus = HeardBus(open_bus(Address.parse(address), bitrate), clock)
     return BusListening(bus, bus.heard, clock, node, bus.shutdown, ask=not options.get("silent"))
+
+
+def _node_and_bitrate(options: Mapping[str, object]) -> tuple[int | None, int]:
+    return whole_number(options, "node", None, 1, 126), whole_number(
+        options, "bitrate", DEFAULT_BITRATE, 10_000, 1_000_000
+    ) or DEFAULT_BITRATE
 
 
 def _check_known(options: Mapping[str, object], known: tuple[str, ...]) -> None:
@@ -448,19 +459,17 @@ def _check_known(options: Mapping[str, object], known: tuple[str, ...]) -> None:
 
 def _examine(address: str, options: Mapping[str, object]) -> Iterator[Finding]:
     _check_known(options, (*_OPTIONS, *EXAMINATION_OPTIONS))
-    node = whole_number(options, "node", None, 1, 126)
-    bitrate = whole_number(options, "bitrate", None, 10_000, 1_000_000)
-    return examine_can(address, node, bitrate, profile_name(options), options)
+    node, bitrate = _node_and_bitrate(options)
+    return examine_can(address, node, bitrate if options.get("bitrate") is not None else None, profile_name(options), options)
 
 
 def _new_profile(address: str | None, options: Mapping[str, object], device: Mapping[str, str], entries: Sequence[DictionaryEntry]) -> str:
     if address is None:
         return text_of(facts_of_file(device, entries))
-    bitrate = whole_number(options, "bitrate", DEFAULT_BITRATE, 10_000, 1_000_000)
-    assert bitrate is not None
+    node, bitrate = _node_and_bitrate(options)
     bus = open_bus(Address.parse(address), bitrate)
     try:
-        return text_of(facts_of_bus(bus, MonotonicClock(), whole_number(options, "node", None, 1, 126), entries))
+        return text_of(facts_of_bus(bus, MonotonicClock(), node, entries))
     finally:
         bus.shutdown()
 

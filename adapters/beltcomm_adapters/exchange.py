@@ -100,9 +100,7 @@ def map_pdo(
     Parameters
     ----------
     objects : Objects
-        Of the drive.
     lending : Lending
-        Keeps what is put back.
     direction : str
         As the drive sees it.
     number : int
@@ -158,9 +156,7 @@ def map_answers(objects: Objects, lending: Lending, first: int = 0, torque: Mapp
     Parameters
     ----------
     objects : Objects
-        Of the drive.
     lending : Lending
-        Keeps what is put back.
     first : int
         Number of the fullest that is tried.
     torque : MappedObject
@@ -187,7 +183,7 @@ def map_answers(objects: Objects, lending: Lending, first: int = 0, torque: Mapp
     raise refusal
 
 
-def silence(objects: Objects, lending: Lending, direction: Literal["receive", "transmit"], first: int) -> None:
+def _silence(objects: Objects, lending: Lending, direction: Literal["receive", "transmit"], first: int) -> None:
     """Switch off the PDOs from number ``first`` on: what somebody left enabled there loads the bus, or writes setpoints."""
     communication = _PDO[direction][0]
     for number in range(first, _PDOS):
@@ -237,8 +233,8 @@ class Exchange:
         self._order = [sent.index(entry) for entry in (_POSITION, torque, _WORD)]
         self._speed, self._demand = (sent.index(entry) if entry in sent else None for entry in (_SPEED, _DEMAND))
         self._speed_unit_s = speed_unit_s
-        silence(objects, lending, "receive", len(rpdos))
-        silence(objects, lending, "transmit", len(ids))
+        _silence(objects, lending, "receive", len(rpdos))
+        _silence(objects, lending, "transmit", len(ids))
         self._out = [can.Message(arbitration_id=cob_id, is_extended_id=False) for cob_id in rpdos]
         for message, entries in zip(self._out, received, strict=True):
             message.dlc = sum(bits for *_, bits in entries) // 8
@@ -261,10 +257,24 @@ class Exchange:
         self._source.stop()
 
     def cycle(self, frames: Sequence[bytes]) -> Sample | None:
-        """One period: wait for its time, SYNC, then ``frames`` (one per receive PDO), then the answer to this SYNC.
+        """One period: wait for its time, SYNC, then the frames, then the answer to this SYNC.
 
-        Returns None when the answer did not come in time, or is stamped no later than the last one; it is dropped when it comes later.
-        Raises BusError (the interface is gone, the clock of its stamps was set), DriveError (an answer that is not what was mapped).
+        Parameters
+        ----------
+        frames : sequence of bytes
+            One per receive PDO.
+
+        Returns
+        -------
+        Sample or None
+            None when the answer did not come in time, or is stamped no later than the last one; it is dropped when it comes later.
+
+        Raises
+        ------
+        BusError
+            The interface is gone, or the clock of its stamps was set.
+        DriveError
+            For an answer that is not what was mapped.
         """
         link, send = self._link, self._link.bus.send
         try:

@@ -16,7 +16,7 @@ from beltcomm.drive.parameters import LIMIT_NAMES
 from beltcomm.errors import BeltcommError, DriveError, ObjectRefused, Refused, UsageError
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
-from beltcomm_adapters.sdo import ABSENT, Lending, Objects
+from beltcomm_adapters.sdo import Lending, Objects
 
 #: Mode of operation; 0, "no mode", is where a drive starts and cannot be gone back to.
 MODE: Final = (0x6060, 0, "int8")
@@ -56,12 +56,7 @@ Place = tuple[int, int, str]  # index, subindex, data type
 
 def _width(objects: Objects, index: int) -> int:
     """Bytes of an object, 0 where the drive has none."""
-    try:
-        return len(objects.read_bytes(index))
-    except ObjectRefused as error:
-        if error.abort_code in ABSENT:
-            return 0
-        raise
+    return len(objects.bytes_if_there(index) or b"")
 
 
 class Parameters:
@@ -93,9 +88,17 @@ class Parameters:
         return tuple(self.table)
 
     def calibrate(self, units: Mapping[str, float]) -> None:
-        """From here on one raw unit of these gains means so much: N m s/rad of K_P, 1/s of K_PP, s of an integral time.
+        """From here on one raw unit of these gains means so much.
 
-        Raises UsageError for a name without an object, or a unit that is no positive number.
+        Parameters
+        ----------
+        units : mapping of str to float
+            N m s/rad of K_P, 1/s of K_PP, s of an integral time.
+
+        Raises
+        ------
+        UsageError
+            For a name without an object, or a unit that is no positive number.
         """
         self._known(units)
         for name, unit in units.items():
@@ -105,16 +108,42 @@ class Parameters:
         self.uncalibrated -= set(units)
 
     def read(self, names: Iterable[str]) -> dict[str, float]:
-        """Values as they stand in the drive.  Raises UsageError for an unknown name."""
+        """Values as they stand in the drive.
+
+        Parameters
+        ----------
+        names : iterable of str
+
+        Raises
+        ------
+        UsageError
+            For an unknown name.
+        """
         wanted = list(names)
         self._known(wanted)
         return {name: self.table[name].value(self._read_raw(name), self._stored_gain) for name in wanted}
 
     def write(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Write, read back, compare; on any failure put back what this call has changed.  Returns what is stored.
+        """Write, read back, compare; on any failure put back what this call has changed.
 
-        Raises UsageError (unknown name, value out of range), Refused (a gain of unknown meaning would change), ObjectLocked, ObjectRefused,
-        DriveError (another value came back), BusError.
+        Parameters
+        ----------
+        values : mapping of str to float, SI
+
+        Returns
+        -------
+        dict of str to float
+            What is stored, SI.
+
+        Raises
+        ------
+        UsageError
+            For an unknown name, or a value out of range.
+        Refused
+            When a gain of unknown meaning would change.
+        ObjectLocked, ObjectRefused, BusError
+        DriveError
+            When another value came back.
         """
         raws: dict[str, float] = {}
 
@@ -144,7 +173,13 @@ class Parameters:
         return tuple(found)
 
     def read_objects(self, places: Sequence[Place]) -> list[float | None]:
-        """Raw values of objects, as the drive had them before the session; None where it has none or does not tell."""
+        """Raw values of objects, as the drive had them before the session; None where it has none or does not tell.
+
+        Parameters
+        ----------
+        places : sequence of Place
+            Index, subindex, type.
+        """
         lent = {(index, subindex): value for index, subindex, _, value in self._session.lent()}
         found: list[float | None] = []
         for index, subindex, kind in places:
@@ -158,7 +193,17 @@ class Parameters:
     def write_objects(self, values: Sequence[ObjectValue]) -> None:
         """Write raw values, read back, compare; all or none.  What is lent will be given back so.
 
-        Raises ObjectLocked before anything is written, ObjectRefused, DriveError (another value came back), BusError.
+        Parameters
+        ----------
+        values : sequence of ObjectValue
+
+        Raises
+        ------
+        ObjectLocked
+            Before anything is written.
+        ObjectRefused, BusError
+        DriveError
+            When another value came back.
         """
         for item in values:
             self._objects.locks.check(item.index, item.subindex)
@@ -238,7 +283,6 @@ def structure_of(
     Parameters
     ----------
     profile : Profile
-        Of the drive.
     period_s : float, s
         Of the drive's loops.
     output_limit_rad_s : float, rad/s, motor shaft

@@ -22,7 +22,7 @@ NODE_WORDS: Final = {
 AXIS_WORDS: Final = {0: "nothing happens to the axis", 1: "it goes into fault", 2: "its voltage is taken away", 3: "it makes a quick stop"}
 
 
-def behaviour(objects: Objects) -> tuple[int | None, int | None]:
+def _behaviour(objects: Objects) -> tuple[int | None, int | None]:
     """1029h:1 and 6007h; None where the drive has none or does not tell."""
     found = []
     for index, subindex, kind in ((0x1029, 1, "uint8"), (0x6007, 0, "int16")):
@@ -39,13 +39,11 @@ def heed(objects: Objects, lending: Lending, stated: Mapping[str, int]) -> None:
     Parameters
     ----------
     objects : Objects
-        Of the drive.
     lending : Lending
-        Keeps what is put back.
     stated : mapping of str to int
         Error behaviour by a profile.
     """
-    node, axis = behaviour(objects)
+    node, axis = _behaviour(objects)
     if node == STOPPED or "node" in stated:
         lending.set_if_there(0x1029, 1, "uint8", stated.get("node", NO_CHANGE))
     if "axis" in stated and lending.set_if_there(0x6007, 0, "int16", stated["axis"]):
@@ -62,9 +60,8 @@ def needs_lending(objects: Objects) -> bool:
     Parameters
     ----------
     objects : Objects
-        Of the drive.
     """
-    node, axis = behaviour(objects)
+    node, axis = _behaviour(objects)
     return node == STOPPED or axis == NOTHING
 
 
@@ -74,9 +71,8 @@ def words(objects: Objects) -> str:
     Parameters
     ----------
     objects : Objects
-        Of the drive.
     """
-    node, axis = behaviour(objects)
+    node, axis = _behaviour(objects)
     said = []
     if node is not None:
         said.append(f"{NODE_WORDS.get(node, 'the node does what its maker chose')} (1029h:1 = {node})")

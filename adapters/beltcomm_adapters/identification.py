@@ -15,7 +15,7 @@ from beltcomm_adapters.busload import fullest, plan_exchange
 from beltcomm_adapters.gains import structure_of
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
-from beltcomm_adapters.sdo import ABSENT, Objects
+from beltcomm_adapters.sdo import Objects
 from beltcomm_adapters.setpoints import OFFSET_MODES
 
 HOMING_MODE = 6
@@ -38,7 +38,6 @@ def read_identity(objects: Objects, where: str) -> dict[str, str]:
     Parameters
     ----------
     objects : Objects
-        Of the drive.
     where : str
         Interface, bit rate and node, for the sentence.
 
@@ -80,9 +79,7 @@ def supported_modes(objects: Objects, profile: Profile) -> frozenset[int]:
     Parameters
     ----------
     objects : Objects
-        Of the drive.
     profile : Profile
-        Of the drive.
     """
     bits = objects.read_if_there(0x6502, 0, "uint32")
     if bits is None:
@@ -96,9 +93,7 @@ def as_the_drive_is(objects: Objects, profile: Profile) -> Profile:
     Parameters
     ----------
     objects : Objects
-        Of the drive.
     profile : Profile
-        Of the drive.
     """
     profile = profile.with_modes(supported_modes(objects, profile))
     if not profile.offsets or all(objects.read_if_there(*offset) is not None for offset in OFFSETS):
@@ -112,7 +107,6 @@ def sync_period_s(objects: Objects) -> float | None:
     Parameters
     ----------
     objects : Objects
-        Of the drive.
     """
     value = objects.read_if_there(0x60C2, 1, "uint8")
     return value * 10.0 ** objects.read_int(0x60C2, 2, "int8") if value else None
@@ -126,9 +120,7 @@ def sync_steps(objects: Objects, profile: Profile) -> tuple[float, float]:
     Parameters
     ----------
     objects : Objects
-        Of the drive.
     profile : Profile
-        Of the drive.
     """
     shortest_s, step_s = profile.shortest_sync_ms * 1e-3, profile.sync_step_ms * 1e-3
     if profile.sync_change == "after_reset":
@@ -158,11 +150,8 @@ def read_capabilities(
     Parameters
     ----------
     objects : Objects
-        Of the drive.
     profile : Profile
-        Of the drive.
     scaling : Scaling
-        Units of the drive.
     identity : mapping of str to str
         As of :func:`read_identity`.
     bitrate : int or None
@@ -231,19 +220,14 @@ def read_top_speed_rad_s(objects: Objects) -> float | None:
     Parameters
     ----------
     objects : Objects
-        Of the drive.
 
     Raises
     ------
     ObjectRefused
         When it is there and not told.
     """
-    try:
-        return int.from_bytes(objects.read_bytes(0x6080), "little") * _RPM
-    except ObjectRefused as error:
-        if error.abort_code in ABSENT:
-            return None
-        raise
+    found = objects.bytes_if_there(0x6080)
+    return None if found is None else int.from_bytes(found, "little") * _RPM
 
 
 def _stated(profile: Profile) -> StatedReading | None:

@@ -69,40 +69,92 @@ class Link:
         self.life_due_s = math.inf
 
     def subscribe(self, cob_id: int, handler: Callable[[can.Message], None]) -> None:
-        """Have ``handler`` called with every data frame of this identifier."""
+        """Have every data frame of this identifier handed on.
+
+        Parameters
+        ----------
+        cob_id : int
+        handler : callable
+        """
         self._handlers[cob_id] = handler
 
     def send(self, message: can.Message) -> None:
-        """Put a frame on the bus.  Raises BusError when the interface does not take it."""
+        """Put a frame on the bus.
+
+        Parameters
+        ----------
+        message : can.Message
+
+        Raises
+        ------
+        BusError
+            When the interface does not take it.
+        """
         try:
             self.bus.send(message)
         except INTERFACE_ERRORS as error:
             raise self.gone(error) from error
 
     def send_data(self, cob_id: int, data: bytes) -> None:
-        """Send one data frame."""
+        """Send one data frame.
+
+        Parameters
+        ----------
+        cob_id : int
+        data : bytes
+        """
         self.send(can.Message(arbitration_id=cob_id, data=data, is_extended_id=False))
 
     def send_nmt(self, command: int) -> None:
-        """Network management command to this node (CiA 301, 7.2.8)."""
+        """Network management command to this node (CiA 301, 7.2.8).
+
+        Parameters
+        ----------
+        command : int
+        """
         self.send_data(0, bytes((command, self.node)))
 
     def receive(self, timeout_s: float) -> can.Message | None:
-        """The next frame from the bus, None when none came within ``timeout_s``.  Raises BusError."""
+        """The next frame from the bus, None when none came in time.
+
+        Parameters
+        ----------
+        timeout_s : float
+
+        Raises
+        ------
+        BusError
+            When the interface is gone.
+        """
         try:
             return self.bus.recv(timeout_s)
         except INTERFACE_ERRORS as error:
             raise self.gone(error) from error
 
     def gone(self, error: Exception) -> BusError:
-        """The interface's failure, in words."""
+        """The interface's failure, in words.
+
+        Parameters
+        ----------
+        error : Exception
+
+        Returns
+        -------
+        BusError
+            To be raised.
+        """
         return BusError(
             f"the CAN interface {self.bus.channel_info} does not send or receive ({error}); check that it is plugged in and up, "
             "that the drive is on and the bus terminated"
         )
 
     def dispatch(self, message: can.Message) -> None:
-        """Hand a frame to who has subscribed to it; error frames, remote frames and strangers are dropped."""
+        """Hand a frame to who has subscribed to it; error frames, remote frames and strangers are dropped.
+
+        Parameters
+        ----------
+        message : can.Message
+        """
         if message.is_error_frame or message.is_remote_frame:
             return
         handler = self._handlers.get(message.arbitration_id)
@@ -112,7 +164,14 @@ class Link:
     def pump(self, timeout_s: float) -> bool:
         """Wait for one frame, at most ``timeout_s``, and dispatch it; signs of life go out meanwhile.
 
-        Returns False when nothing came.
+        Parameters
+        ----------
+        timeout_s : float
+
+        Returns
+        -------
+        bool
+            False when nothing came.
         """
         end_s = self.clock.now() + timeout_s
         while True:
@@ -133,9 +192,13 @@ class Link:
         self.emergency = None
 
     def guard(self, kind: Literal["heartbeat", "node_guarding"] | None, guard_s: float = GUARD_S) -> None:
-        """Begin to show signs of life, every 15 ms of 50 ms of guard time, or stop with None.
+        """Begin to show signs of life, every 15 ms of 50 ms of guard time.
 
-        heartbeat : the host's own heartbeat (700h + 127).    node_guarding : a remote frame to 700h + node.
+        Parameters
+        ----------
+        kind : Literal['heartbeat', 'node_guarding'] or None
+            The host's own heartbeat (700h + 127), or a remote frame to 700h + node; None ends it.
+        guard_s : float
         """
         if kind == "heartbeat":
             self._life = can.Message(arbitration_id=0x700 + HOST_NODE, data=_OPERATIONAL, is_extended_id=False)
@@ -147,7 +210,12 @@ class Link:
         self.life_due_s = math.inf if kind is None else self.clock.now()
 
     def show_life(self, now_s: float) -> None:
-        """Send the sign of life when it is due."""
+        """Send the sign of life when it is due.
+
+        Parameters
+        ----------
+        now_s : float
+        """
         if self._life is not None and now_s >= self.life_due_s:
             self.send(self._life)
             self.last_life_s = now_s
@@ -175,7 +243,6 @@ def find_nodes(bus: can.BusABC, clock: Clock) -> list[int]:
     bus : BusABC
         Open.
     clock : Clock
-        Of the bus.
 
     Raises
     ------

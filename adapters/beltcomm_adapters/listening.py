@@ -104,7 +104,12 @@ class BusListening:
             raise
 
     def frames(self, wait_s: float) -> list[Heard]:
-        """Frames of the next ``wait_s`` seconds, as :meth:`beltcomm.drive.Listening.frames` has them."""
+        """Frames of the next seconds, as :meth:`beltcomm.drive.Listening.frames` has them.
+
+        Parameters
+        ----------
+        wait_s : float
+        """
         self._wait(wait_s)
         found = list(self._heard)
         self._heard.clear()
@@ -142,11 +147,7 @@ class PlayedListening(BusListening):
 
     def frames(self, wait_s: float) -> list[Heard]:
         """Frames of one more move of the production, after its end those of the next ``wait_s`` seconds."""
-        if next(self._production, None) is None:
-            return super().frames(wait_s)
-        found = list(self._heard)
-        self._heard.clear()
-        return found
+        return super().frames(wait_s if next(self._production, None) is None else 0.0)
 
 
 def _ask(objects: SdoObjects) -> None:

@@ -26,7 +26,13 @@ class Lock:
     subindex: int | None = None
 
     def holds(self, index: int, subindex: int) -> bool:
-        """True if an object is among them."""
+        """True if an object is among them.
+
+        Parameters
+        ----------
+        index : int
+        subindex : int
+        """
         return self.first <= index <= self.last and self.subindex in (None, subindex)
 
 
@@ -51,19 +57,37 @@ class Locks:
         self._locks = list(ALWAYS)
 
     def add(self, locks: Iterable[Lock]) -> None:
-        """Lock more objects: a profile's."""
+        """Lock more objects: a profile's.
+
+        Parameters
+        ----------
+        locks : iterable of Lock
+        """
         self._locks += locks
 
-    def lock_of(self, index: int, subindex: int) -> Lock | None:
+    def _lock_of(self, index: int, subindex: int) -> Lock | None:
         """Lock of an object; None for one that may be written."""
         return next((lock for lock in self._locks if lock.holds(index, subindex)), None)
 
     def check(self, index: int, subindex: int, data: bytes = b"") -> None:
-        """Raise ObjectLocked for an object that is never written, also by way of a receive PDO that ``data`` would map it into."""
+        """Check that an object may be written.
+
+        Parameters
+        ----------
+        index : int
+        subindex : int
+        data : bytes
+            What is to be written: a mapping may lead to another object.
+
+        Raises
+        ------
+        ObjectLocked
+            For one that is never written, also by way of a receive PDO.
+        """
         if index in _RECEIVE_MAPS and subindex and len(data) == 4:
             mapped = int.from_bytes(data, "little")
             index, subindex = mapped >> 16, mapped >> 8 & 0xFF
-        lock = self.lock_of(index, subindex)
+        lock = self._lock_of(index, subindex)
         if lock is not None:
             raise ObjectLocked(
                 f"object {name_of(index, subindex)} is never written by beltcomm: it holds {lock.what}, and a wrong value damages the "

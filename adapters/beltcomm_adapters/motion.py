@@ -76,7 +76,19 @@ class Tally:
         self.limited = self.irregular = self._warned = self._cut = 0
 
     def note(self, sample: Sample, k: int) -> None:
-        """Row k.   Raises SafetyStop for a following error (bit 13), and for torque that is cut (bit 11) for longer than ``CUT_S``."""
+        """Count a row.
+
+        Parameters
+        ----------
+        sample : Sample
+        k : int
+            Number of the row.
+
+        Raises
+        ------
+        SafetyStop
+            For a following error (bit 13), and for torque that is cut (bit 11) for longer than ``CUT_S``.
+        """
         word = sample.statusword
         if not word & _TELLING:
             self._cut = 0
@@ -165,7 +177,21 @@ class Run:
     def cycle(self, frames: Sequence[bytes], doing: str) -> Sample | None:
         """One period; None when its answer was lost.
 
-        Raises DriveFault (bit 3 or an EMCY), SafetyStop, BusError after more than :data:`TOLERATED_LOSSES` losses in a row.
+        Parameters
+        ----------
+        frames : sequence of bytes
+            One per receive PDO.
+        doing : str
+            For messages.
+
+        Raises
+        ------
+        DriveFault
+            For bit 3 or an EMCY.
+        SafetyStop
+            For a broken limit.
+        BusError
+            After more than :data:`TOLERATED_LOSSES` losses in a row.
         """
         sample = self._exchange.cycle(frames)
         if self._emergency() or (sample is not None and sample.statusword & FAULTED):
@@ -224,16 +250,26 @@ class Run:
     def outlive(
         self, now: Callable[[], float], silent_since_s: float, until_s: float, ask: Callable[[], int], noticed_s: Callable[[], float]
     ) -> tuple[float, bool] | None:
-        """Go on without signs of life until the drive leaves Operation Enabled; its reaction time, s, and whether it was seen to brake.
+        """Go on without signs of life until the drive leaves Operation Enabled.
 
         Parameters
         ----------
+        now : callable
+        silent_since_s : float
+            Last sign of life.
+        until_s : float
+            When it is given up.
         ask : callable
             6041h without PDOs, for a node that leaves Operational with its host's silence (1029h = 0).
         noticed_s : callable
             When its EMCY came. None when it has not by ``until_s``. A drive that shows another state between Operation Enabled and Fault
             brakes; one that is in Fault at once, or whose fault cannot be told from its reaction (0Fh for both), counts as one that lets
             the axis coast.
+
+        Returns
+        -------
+        tuple[float, bool] or None
+            Reaction time, s, and True if it was seen to brake; None without a reaction.
         """
         reacted_s: float | None = None
         braking, self._silenced = False, True
@@ -262,8 +298,15 @@ class Run:
 
         Parameters
         ----------
+        setpoints : Setpoints
         torque_is_of : Literal['over', 'after']
             See :class:`beltcomm.drive.Capabilities`. A lost sample costs its own row and the one before, whose torque it held.
+        sink : Sink
+
+        Raises
+        ------
+        BusError
+            When more answers are lost than a record can do without, and as :meth:`cycle`.
         """
         frames = [
             self._frames.of(self._layout.running, *values)
@@ -316,6 +359,7 @@ class Run:
         ----------
         width : float
             Counts the axis may travel in one direction.
+        time_s : float
 
         Raises
         ------

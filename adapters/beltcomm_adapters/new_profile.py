@@ -59,12 +59,24 @@ class Facts:
     source: str
 
     def there(self, index: int, subindex: int = 0) -> bool | None:
-        """True if the drive has an object; None where nobody says."""
+        """True if the drive has an object; None where nobody says.
+
+        Parameters
+        ----------
+        index : int
+        subindex : int
+        """
         place = index, subindex
         return True if place in self.values else False if place in self.absent else None
 
     def value(self, index: int, subindex: int = 0) -> int | None:
-        """Its value as a whole number, None where it is not known."""
+        """Its value as a whole number, None where it is not known.
+
+        Parameters
+        ----------
+        index : int
+        subindex : int
+        """
         found = self.values.get((index, subindex))
         return None if found is None else int(found)
 
@@ -77,7 +89,6 @@ def facts_of_bus(bus: can.BusABC, clock: Clock, node: int | None, entries: Seque
     bus : BusABC
         Open.
     clock : Clock
-        Of the bus.
     node : int or None
         Its number; None for the only one.
     entries : sequence of DictionaryEntry

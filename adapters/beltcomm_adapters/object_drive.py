@@ -60,7 +60,22 @@ class ObjectDrive:
         }
 
     def read(self, names: Sequence[str]) -> dict[str, float]:
-        """Read parameters by name; ``state`` is a :class:`beltcomm_adapters.cia402.State`."""
+        """Read parameters by name; ``state`` is a :class:`beltcomm_adapters.cia402.State`.
+
+        Parameters
+        ----------
+        names : sequence of str
+
+        Returns
+        -------
+        dict of str to float
+            SI, motor shaft.
+
+        Raises
+        ------
+        UsageError
+            For an unknown name.
+        """
         objects, scaling, actual = self._objects, self._scaling, self._profile.actual_torque
         measured: dict[str, Callable[[], float]] = {
             "position_rad": self._here_rad,
@@ -75,7 +90,12 @@ class ObjectDrive:
         return {name: measured[name]() if name in measured else self._parameters.read([name])[name] for name in names}
 
     def write(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Write parameters by name; the stage is taken off first."""
+        """Write parameters by name; the stage is taken off first.
+
+        Parameters
+        ----------
+        values : mapping of str to float, SI, motor shaft
+        """
         self._machine.disable()
         return self._parameters.write(values)
 
@@ -88,16 +108,33 @@ class ObjectDrive:
         return self._parameters.objects()
 
     def read_objects(self, places: Sequence[tuple[int, int, str]]) -> list[float | None]:
-        """Read raw objects."""
+        """Read raw objects.
+
+        Parameters
+        ----------
+        places : sequence of tuple[int, int, str]
+            Index, subindex, type.
+        """
         return self._parameters.read_objects(places)
 
     def write_objects(self, values: Sequence[ObjectValue]) -> None:
-        """Write raw objects; the stage is taken off first."""
+        """Write raw objects; the stage is taken off first.
+
+        Parameters
+        ----------
+        values : sequence of ObjectValue
+        """
         self._machine.disable()
         self._parameters.write_objects(values)
 
     def calibrate(self, units: Mapping[str, float]) -> None:
-        """Take over what the gains of the drive mean in SI."""
+        """Take over what the gains of the drive mean in SI.
+
+        Parameters
+        ----------
+        units : mapping of str to float
+            N m s/rad of K_P, 1/s of K_PP, s of an integral time.
+        """
         self._parameters.calibrate(units)
         before = self.capabilities.structure
         self.capabilities = dataclasses.replace(

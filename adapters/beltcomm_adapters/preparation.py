@@ -19,7 +19,7 @@ from beltcomm_adapters.identification import sync_period_s
 from beltcomm_adapters.link import HOST_NODE
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
-from beltcomm_adapters.sdo import ABSENT, Lending, Objects, abort_text
+from beltcomm_adapters.sdo import Lending, Objects, abort_text
 from beltcomm_adapters.setpoints import OFFSET_MODES, POSITION_MODES, TORQUE_MODES, Layout
 
 #: The drive's own speed limit stands this far above the host's: the host brakes, the drive switches off and lets the axis
@@ -51,11 +51,8 @@ def check_motion(
     motion : Motion
         That is asked for.
     limits : Limits
-        Of the motion.
     capabilities : Capabilities
-        Of the drive.
     profile : Profile
-        Of the drive.
     here_rad : float, rad
         Present motor angle.
     drive_torque_nm : float, N m
@@ -120,7 +117,6 @@ def check_room(limits: Limits, here_rad: float) -> None:
     Parameters
     ----------
     limits : Limits
-        Of the motion.
     here_rad : float, rad
         Present motor angle.
 
@@ -148,7 +144,6 @@ def check_path(motion: Motion, limits: Limits, here_rad: float) -> None:
     motion : Motion
         That is asked for.
     limits : Limits
-        Of the motion.
     here_rad : float, rad
         Present motor angle.
 
@@ -176,7 +171,6 @@ def check_speed(velocity_rad_s: Array, limits: Limits) -> None:
     velocity_rad_s : ndarray (n,), rad/s
         Motor shaft.
     limits : Limits
-        Of the motion.
 
     Raises
     ------
@@ -207,21 +201,16 @@ def prepare(
     Parameters
     ----------
     objects : Objects
-        Of the drive.
     lending : Lending
-        Keeps what is put back.
     machine : StateMachine
         State machine of the drive.
     profile : Profile
-        Of the drive.
     scaling : Scaling
-        Units of the drive.
     layout : Layout
         Of the setpoints.
     period_s : float, s
         Of SYNC.
     limits : Limits
-        Of the motion.
     motion : Motion or None
         None for homing; the ramps of one in mode 3 are opened just so far that they do not shape it.
     """
@@ -249,19 +238,14 @@ def lend_settings(
     Parameters
     ----------
     objects : Objects
-        Of the drive.
     lending : Lending
-        Keeps what is put back.
     profile : Profile
-        Of the drive.
     scaling : Scaling
-        Units of the drive.
     mode : int
         Of operation.
     period_s : float, s
         Of SYNC.
     limits : Limits
-        Of the motion.
     motion : Motion or None
         That is asked for; None for none.
     """
@@ -272,7 +256,7 @@ def lend_settings(
         lending.set_if_there(0x60C2, 1, "uint8", value)
     if believed and mode in TORQUE_MODES and profile.torque_exit == "velocity" and math.isfinite(limits.deceleration_rad_s2):
         braking = scaling.raw_acceleration(limits.deceleration_rad_s2)
-        limit(objects, lending, 0x6084, 0, "uint32", braking, scaling.acceleration, "rad/s²", harder=True)
+        _limit(objects, lending, 0x6084, 0, "uint32", braking, scaling.acceleration, "rad/s²", harder=True)
     if mode == 4 and profile.torque_slope_permille_s is not None:
         slope = objects.read_if_there(0x6087, 0, "uint32")
         if slope is not None and slope < profile.torque_slope_permille_s:
@@ -284,14 +268,14 @@ def lend_settings(
         steepest = float(np.abs(np.diff(motion.velocity_rad_s, prepend=0.0, append=0.0)).max()) / period_s
         ramp = scaling.raw_acceleration(steepest, at_most=False)
         for index in (0x6083, 0x6084):
-            limit(objects, lending, index, 0, "uint32", ramp, scaling.acceleration, "rad/s²")
+            _limit(objects, lending, index, 0, "uint32", ramp, scaling.acceleration, "rad/s²")
     tighten_torque_and_speed(objects, lending, profile, scaling, limits)
     if mode in POSITION_MODES:  # 607Dh bounds the target of a position controller
         tighten_window(objects, lending, scaling, limits, period_s, motion.reach_rad if motion is not None else None)
         if limits.lag_rad is not None:
             ahead_rad = motion.ahead_rad if motion is not None else 0.0
             lag = min(math.ceil((limits.lag_rad + ahead_rad) / abs(scaling.position_rad)), _INT32)
-            limit(objects, lending, 0x6065, 0, "uint32", lag, lambda raw: raw * abs(scaling.position_rad), "rad")
+            _limit(objects, lending, 0x6065, 0, "uint32", lag, lambda raw: raw * abs(scaling.position_rad), "rad")
             # A dead host's setpoint stands still: the position loop would brake as its gain asks for until the guard time is over.
             lasting_ms = math.ceil(1e3 * max(FOLLOWING_ERROR_S, period_s))
             if (objects.read_if_there(0x6066, 0, "uint16") or 0) > lasting_ms:
@@ -304,9 +288,7 @@ def lend_mode(objects: Objects, lending: Lending, machine: StateMachine, mode: i
     Parameters
     ----------
     objects : Objects
-        Of the drive.
     lending : Lending
-        Keeps what is put back.
     machine : StateMachine
         Of the drive.
     mode : int
@@ -327,19 +309,15 @@ def lend_quick_stop(objects: Objects, lending: Lending, scaling: Scaling, limits
     Parameters
     ----------
     objects : Objects
-        Of the drive.
     lending : Lending
-        Keeps what is put back.
     scaling : Scaling
-        Units of the drive.
     limits : Limits
-        Of the motion.
     """
     lending.set_if_there(0x605A, 0, "int16", _QUICK_STOP_AND_DISABLE)
     believed = believes_ramp(objects, lending, scaling, limits.speed_rad_s)
     if believed and math.isfinite(limits.deceleration_rad_s2):
         braking = scaling.raw_acceleration(limits.deceleration_rad_s2)
-        limit(objects, lending, 0x6085, 0, "uint32", braking, scaling.acceleration, "rad/s²", harder=True)
+        _limit(objects, lending, 0x6085, 0, "uint32", braking, scaling.acceleration, "rad/s²", harder=True)
     return believed
 
 
@@ -351,11 +329,8 @@ def quick_stop_rad_s2(objects: Objects, scaling: Scaling, limits: Limits) -> flo
     Parameters
     ----------
     objects : Objects
-        Of the drive.
     scaling : Scaling
-        Units of the drive.
     limits : Limits
-        Of the motion.
 
     Returns
     -------
@@ -365,7 +340,7 @@ def quick_stop_rad_s2(objects: Objects, scaling: Scaling, limits: Limits) -> flo
     Raises
     ------
     DriveError
-        As :func:`limit`.
+        As :func:`_limit`.
     """
     with objects.lend() as lending:
         if not lend_quick_stop(objects, lending, scaling, limits):
@@ -382,11 +357,8 @@ def believes_ramp(objects: Objects, lending: Lending, scaling: Scaling, speed_ra
     Parameters
     ----------
     objects : Objects
-        Of the drive.
     lending : Lending
-        Keeps what is put back.
     scaling : Scaling
-        Units of the drive.
     speed_rad_s : float, rad/s, motor shaft
         From which it stops.
     """
@@ -401,7 +373,7 @@ def believes_ramp(objects: Objects, lending: Lending, scaling: Scaling, speed_ra
     return False
 
 
-def limit(
+def _limit(
     objects: Objects,
     lending: Lending,
     index: int,
@@ -454,28 +426,19 @@ def tighten_torque_and_speed(objects: Objects, lending: Lending, profile: Profil
     Parameters
     ----------
     objects : Objects
-        Of the drive.
     lending : Lending
-        Keeps what is put back.
     profile : Profile
-        Of the drive.
     scaling : Scaling
-        Units of the drive.
     limits : Limits
-        Of the motion.
     """
     torque = max(math.ceil(limits.torque_nm / scaling.torque_nm), profile.torque_limit_lowest_permille)
     if torque < (objects.read_if_there(0x6072, 0, "uint16") or 0):
-        limit(objects, lending, 0x6072, 0, "uint16", torque, lambda raw: raw * scaling.torque_nm, "N m")
-    try:
-        stored = objects.read_bytes(0x6080)
-    except ObjectRefused as error:
-        if error.abort_code in ABSENT:
-            return
-        raise
+        _limit(objects, lending, 0x6072, 0, "uint16", torque, lambda raw: raw * scaling.torque_nm, "N m")
+    if (stored := objects.bytes_if_there(0x6080)) is None:
+        return
     speed = math.ceil(_DRIVE_SPEED_SHARE * limits.speed_rad_s / _RPM)  # 6080h is in min⁻¹
     if speed < int.from_bytes(stored, "little"):
-        limit(objects, lending, 0x6080, 0, "uint32" if len(stored) == 4 else "uint16", speed, lambda raw: raw * _RPM, "rad/s")
+        _limit(objects, lending, 0x6080, 0, "uint32" if len(stored) == 4 else "uint16", speed, lambda raw: raw * _RPM, "rad/s")
 
 
 def tighten_window(
@@ -488,13 +451,9 @@ def tighten_window(
     Parameters
     ----------
     objects : Objects
-        Of the drive.
     lending : Lending
-        Keeps what is put back.
     scaling : Scaling
-        Units of the drive.
     limits : Limits
-        Of the motion.
     period_s : float, s
         Of the setpoints.
     reach_rad : tuple of float or None, rad
@@ -527,7 +486,7 @@ def tighten_window(
         return
     steps = [(1, low), (2, high)]
     for part, value in reversed(steps) if low > stored_high else steps:  # never a minimum above its maximum
-        limit(objects, lending, 0x607D, part, "int32", value, lambda raw: raw * scaling.position_rad, "rad")
+        _limit(objects, lending, 0x607D, part, "int32", value, lambda raw: raw * scaling.position_rad, "rad")
 
 
 def _way(limits: Limits, angle_rad: float) -> str:
@@ -541,11 +500,8 @@ def guard(objects: Objects, lending: Lending, profile: Profile, guard_s: float) 
     Parameters
     ----------
     objects : Objects
-        Of the drive.
     lending : Lending
-        Keeps what is put back.
     profile : Profile
-        Of the drive.
     guard_s : float, s
         After which it must notice that the host is gone.
 
@@ -581,11 +537,8 @@ def homing_speeds_rad_s(objects: Objects, scaling: Scaling, limits: Limits) -> t
     Parameters
     ----------
     objects : Objects
-        Of the drive.
     scaling : Scaling
-        Units of the drive.
     limits : Limits
-        Of the motion.
 
     Raises
     ------
@@ -608,9 +561,7 @@ def homing_method(objects: Objects, profile: Profile) -> Iterator[None]:
     Parameters
     ----------
     objects : Objects
-        Of the drive.
     profile : Profile
-        Of the drive.
 
     Raises
     ------

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from beltcomm.configfiles import did_you_mean
+from beltcomm.configfiles import did_you_mean, is_number
 from beltcomm.drive.objects import TYPES
 from beltcomm.drive.parameters import GAIN_NAMES, PREFILTER_KINDS
 from beltcomm_adapters.units import named
@@ -73,17 +72,13 @@ def _word(give: str) -> FieldValue:
 
 def _number(give: str, least: float, most: float) -> FieldValue:
     shape = {"type": "number", "minimum": least, "maximum": most}
-    return FieldValue(f"{give}, {least:g} to {most:g}", lambda v: _is_number(v) and least <= float(v) <= most, shape)
+    return FieldValue(f"{give}, {least:g} to {most:g}", lambda v: is_number(v) and least <= float(v) <= most, shape)
 
 
 def _whole(give: str, least: int, most: int) -> FieldValue:
     span = f"{least:X}h to {most:X}h" if most > 9999 else f"{least} to {most}"
     shape = {"type": "integer", "minimum": least, "maximum": most}
     return FieldValue(f"{give}, {span}", lambda v: isinstance(v, int) and not isinstance(v, bool) and least <= v <= most, shape)
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def _unit(per: int, example: str) -> FieldValue:

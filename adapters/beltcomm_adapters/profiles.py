@@ -240,7 +240,7 @@ def load_profile(name: str) -> Profile:
         more = f"; and {len(wrong) - TOLD} more" if len(wrong) > TOLD else ""
         raise UsageError(f"the drive profile {path.name} cannot be used: {'; '.join(said)}{more}")
     if named_file(name):
-        raw = completed(raw)
+        raw = _completed(raw)
     try:
         found = _profile(raw)
         _check_writes(found, shipped=not named_file(name))
@@ -249,13 +249,8 @@ def load_profile(name: str) -> Profile:
     return found
 
 
-def completed(raw: Mapping[str, Any]) -> dict[str, Any]:
+def _completed(raw: Mapping[str, Any]) -> dict[str, Any]:
     """A file of a user's own with the entries of the shipped profile that it is ``like``; chosen by name only.
-
-    Parameters
-    ----------
-    raw : Mapping[str, Any]
-        As it stands in the file.
 
     Returns
     -------

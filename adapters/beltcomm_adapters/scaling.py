@@ -86,18 +86,42 @@ class Scaling:
         return found
 
     def with_speed(self, speed_rad_s: float) -> Scaling:
-        """Scaling with another unit of speed, and of acceleration where nobody tells that: the one of speed per second."""
+        """Scaling with another unit of speed, and of acceleration where nobody tells that: the one of speed per second.
+
+        Parameters
+        ----------
+        speed_rad_s : float, motor shaft
+            Of one raw number.
+        """
         share = 1.0 if self.acceleration_told else speed_rad_s / self.speed_rad_s
         return replace(self, speed_rad_s=speed_rad_s, acceleration_rad_s2=share * self.acceleration_rad_s2, speed_told=True)
 
     def acceleration(self, raw: float) -> float:
-        """An acceleration of the drive, rad/s²."""
+        """An acceleration of the drive.
+
+        Parameters
+        ----------
+        raw : float
+            A time where the drive states ramps as times.
+
+        Returns
+        -------
+        float, rad/s²
+            Motor shaft.
+        """
         if self.ramp:
             return self.acceleration_rad_s2 / raw if raw else math.inf
         return raw * self.acceleration_rad_s2
 
     def raw_acceleration(self, value_rad_s2: float, *, at_most: bool = True) -> int:
-        """In the drive's unit, rather too little, or with ``at_most`` False rather too much."""
+        """An acceleration in the drive's unit.
+
+        Parameters
+        ----------
+        value_rad_s2 : float, motor shaft
+        at_most : bool
+            Rather too little; False: rather too much.
+        """
         exact = (
             (self.acceleration_rad_s2 / value_rad_s2 if value_rad_s2 > 0.0 else math.inf)
             if self.ramp
@@ -119,9 +143,7 @@ def read_scaling(objects: Objects, profile: Profile, lending: Lending | None, na
     Parameters
     ----------
     objects : Objects
-        Of the drive.
     profile : Profile
-        Of the drive.
     lending : Lending or None
         Keeps what is put back; None writes nothing.
     nameplate : KnownMotor or None

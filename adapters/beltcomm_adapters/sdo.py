@@ -182,6 +182,9 @@ class Objects(ABC):
 
         Parameters
         ----------
+        index : int
+        subindex : int
+        data : bytes
         verb : str
             For messages.
 
@@ -284,12 +287,24 @@ class Objects(ABC):
         ObjectRefused, BusError, DriveError
             As :meth:`read`.
         """
-        try:
-            return self.read_int(index, subindex, kind)
-        except ObjectRefused as error:
-            if error.abort_code in ABSENT:
-                return None
-            raise
+        return _if_there(lambda: self.read_int(index, subindex, kind))
+
+    def bytes_if_there(self, index: int, subindex: int = 0) -> bytes | None:
+        """Raw content of an object, None where the drive has none.
+
+        Parameters
+        ----------
+        index, subindex : int
+            Place in the dictionary.
+
+        Raises
+        ------
+        ObjectRefused
+            When it is there and not told.
+        BusError
+            When the drive does not answer.
+        """
+        return _if_there(lambda: self.read_bytes(index, subindex))
 
     def read_text(self, index: int, subindex: int = 0) -> str:
         """Content of a VISIBLE_STRING object.
@@ -414,6 +429,16 @@ class SdoObjects(Objects):
                     ) from error
 
 
+def _if_there(read: Callable[[], _Result]) -> _Result | None:
+    """Result of a read; None where the drive has no such object."""
+    try:
+        return read()
+    except ObjectRefused as error:
+        if error.abort_code in ABSENT:
+            return None
+        raise
+
+
 def abort_text(code: int) -> str:
     """Meaning of an abort code.
 
@@ -479,12 +504,22 @@ class Lending:
         self._unchanged: set[tuple[int, int]] = set()  # lent, but what stands there is what is to be given back
 
     def set(self, index: int, subindex: int, kind: str, value: float, *, keep: bool = False) -> None:
-        """Write ``value`` and remember what stood there.  Raises as :meth:`Objects.write`.
+        """Write a value and remember what stood there.
 
         Parameters
         ----------
+        index : int
+        subindex : int
+        kind : str
+            CiA type.
+        value : float, raw
         keep : bool
             Lent although nothing changes, as where a session that was cut off has left this value: what stood there before is owed.
+
+        Raises
+        ------
+        ObjectLocked, ObjectRefused, BusError
+            As :meth:`Objects.write`.
         """
         before = self._objects.read(index, subindex, kind)
         if before == value and not keep:

@@ -69,7 +69,7 @@ class SerialPort:
         self._port.close()
 
 
-def connect(name: str, bitrate: int, profile: str | None, rtscts: bool) -> SerialDrive:
+def _connect(name: str, bitrate: int, profile: str | None, rtscts: bool) -> SerialDrive:
     """The drive on a port of this computer.  On failure the port is closed.  Raises as :class:`SerialPort`, :class:`SerialDrive`."""
     port = SerialPort(name, rtscts)
     try:
@@ -105,7 +105,7 @@ def _open(address: str, options: Mapping[str, object]) -> Drive:
     if not name:
         raise UsageError("say which port: serial:/dev/ttyUSB0, serial:COM3, or serial:virtual for a simulated drive")
     rtscts = name != address or str(options.get("rtscts", "")).lower() in ("1", "true", "yes", "on")
-    return connect(name, _bitrate_of(options), profile_name(options), rtscts)
+    return _connect(name, _bitrate_of(options), profile_name(options), rtscts)
 
 
 ADAPTER = Adapter(

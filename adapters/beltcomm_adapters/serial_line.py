@@ -55,11 +55,30 @@ class Port(Protocol):
     bitrate: int
 
     def write(self, data: bytes) -> None:
-        """Send.  Raises OSError."""
+        """Send.
+
+        Parameters
+        ----------
+        data : bytes
+
+        Raises
+        ------
+        OSError
+        """
         ...
 
     def read(self, timeout_s: float) -> bytes:
-        """Bytes that have come, waiting at most ``timeout_s`` for the first byte of it; empty when nothing came.  Raises OSError."""
+        """Bytes that have come; empty when nothing came in time.
+
+        Parameters
+        ----------
+        timeout_s : float
+            For the first byte.
+
+        Raises
+        ------
+        OSError
+        """
         ...
 
     def close(self) -> None:
@@ -104,7 +123,7 @@ class Text:
 Line = ObjectAnswer | Abort | Text
 
 
-def parse(raw: bytes) -> Line:
+def _parse(raw: bytes) -> Line:
     """One line without its end.  Never raises: what is no value and no abort is text."""
     words = raw.decode("ascii", "replace").strip(_STRAY)
     if found := _VALUE.fullmatch(words):
@@ -143,7 +162,16 @@ class SerialLine:
         return self.port.bitrate
 
     def seconds(self, characters: int) -> float:
-        """Time that characters take on the line, s."""
+        """Time that characters take on the line.
+
+        Parameters
+        ----------
+        characters : int
+
+        Returns
+        -------
+        float, s
+        """
         return characters * BITS_PER_CHARACTER / self.bitrate
 
     def ask(
@@ -155,10 +183,13 @@ class SerialLine:
         time_s: float = ANSWER_TIME_S,
         quiet_s: float = QUIET_TIME_S,
     ) -> Line | None:
-        """Send a request; the first line that ``fits``, or None when none came in time.
+        """Send a request; the first line that fits, or None when none came in time.
 
         Parameters
         ----------
+        request : str
+        fits : callable
+            True for its answer.
         longest : int
             Characters of the longest answer.
         time_s : float
@@ -184,7 +215,17 @@ class SerialLine:
         return line
 
     def settle(self, quiet_s: float = QUIET_TIME_S) -> None:
-        """Drop what comes until nothing has come for ``quiet_s``: late answers, boot text.  Raises BusError when it never ends."""
+        """Drop what comes until nothing has come for a while: late answers, boot text.
+
+        Parameters
+        ----------
+        quiet_s : float
+
+        Raises
+        ------
+        BusError
+            When it never ends.
+        """
         end_s = self.clock.now() + TALK_TIME_S
         while self._receive(quiet_s):
             if self.clock.now() > end_s:
@@ -213,7 +254,16 @@ class SerialLine:
         return None
 
     def set_bitrate(self, bitrate: int) -> None:
-        """Of this end only.  Raises BusError."""
+        """Set the bit rate of this end only.
+
+        Parameters
+        ----------
+        bitrate : int
+
+        Raises
+        ------
+        BusError
+        """
         try:
             self.port.bitrate = bitrate
         except (OSError, ValueError) as error:
@@ -221,13 +271,32 @@ class SerialLine:
         self._unsettled, self._owed = True, False
 
     def tell(self, text: str) -> None:
-        """Send what has no answer, and wait until it is out.  Raises BusError."""
+        """Send what has no answer, and wait until it is out.
+
+        Parameters
+        ----------
+        text : str
+
+        Raises
+        ------
+        BusError
+        """
         self._send(text)
         self._unsettled = True
         self.clock.sleep_until(self.clock.now() + self.seconds(len(text) + 1) + QUIET_TIME_S)
 
     def pump(self, timeout_s: float) -> bool:
-        """Wait: nothing comes unasked."""
+        """Wait: nothing comes unasked.
+
+        Parameters
+        ----------
+        timeout_s : float
+
+        Returns
+        -------
+        bool
+            False.
+        """
         self.clock.sleep_until(self.clock.now() + timeout_s)
         return False
 
@@ -256,7 +325,7 @@ class SerialLine:
             line, found, rest = self._buffer.partition(b"\r")
             if found:
                 self._buffer = rest
-                return parse(bytes(line))
+                return _parse(bytes(line))
             if len(self._buffer) > _LONGEST_LINE:
                 self._buffer.clear()
             left_s = end_s - self.clock.now()

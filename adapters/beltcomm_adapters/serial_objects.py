@@ -64,7 +64,13 @@ class SerialObjects(Objects):
 
     @contextlib.contextmanager
     def impatient(self, time_s: float) -> Iterator[None]:
-        """Inside the block an answer must come in ``time_s`` beside its characters: the axis moves meanwhile."""
+        """Inside the block an answer must come in this time: the axis moves meanwhile.
+
+        Parameters
+        ----------
+        time_s : float
+            The drive's own, beside that of the characters.
+        """
         try:
             self.answer_time_s = self.quiet_s = time_s
             yield
@@ -72,7 +78,14 @@ class SerialObjects(Objects):
             self.answer_time_s, self.quiet_s = ANSWER_TIME_S, QUIET_TIME_S
 
     def poll(self, index: int, kind: str) -> tuple[int, float] | None:
-        """A whole number, asked for once, and the middle of the time in which it was taken, s; None without a valid answer."""
+        """A whole number, asked for once, and the middle of the time in which it was taken, s; None without a valid answer.
+
+        Parameters
+        ----------
+        index : int
+        kind : str
+            CiA type of whole numbers.
+        """
         layout, line = TYPES[kind][0], self._line
         width = struct.calcsize(layout)
         answer = self._ask(_reading(index, 0), _answer_to(index, 0))
@@ -126,7 +139,17 @@ class SerialObjects(Objects):
         )
 
     def change_bitrate(self, bitrate: int) -> None:
-        """Both ends to another bit rate; the drive may also stay at the present one.  Raises BusError when it answers at neither."""
+        """Both ends to another bit rate; the drive may also stay at the present one.
+
+        Parameters
+        ----------
+        bitrate : int
+
+        Raises
+        ------
+        BusError
+            When it answers at neither.
+        """
         before = self._line.bitrate
         if bitrate == before:
             return

@@ -74,7 +74,6 @@ def measure_pace(objects: SerialObjects, clock: Clock) -> LineSpeed:
     objects : SerialObjects
         Over RS-232.
     clock : Clock
-        Of the bus.
 
     Raises
     ------
@@ -103,15 +102,11 @@ def prepare(
     objects : SerialObjects
         Over RS-232.
     lending : Lending
-        Keeps what is put back.
     machine : StateMachine
         State machine of the drive.
     profile : Profile
-        Of the drive.
     scaling : Scaling
-        Units of the drive.
     limits : Limits
-        Of the motion.
     period_s : float, s
         Of polling.
 
@@ -174,7 +169,18 @@ class PolledRun:
         self.end_rad = math.nan
 
     def follow(self, strokes: list[SerialStroke], rest_s: float) -> Report:
-        """One stroke after the other, and ``rest_s`` after the last.  Raises SafetyStop, DriveFault, DriveError, BusError."""
+        """One stroke after the other.
+
+        Parameters
+        ----------
+        strokes : list of SerialStroke
+        rest_s : float
+            After the last.
+
+        Raises
+        ------
+        SafetyStop, DriveFault, DriveError, BusError
+        """
         for stroke in strokes:
             self._hand_over(stroke)
             self._drive(stroke)

@@ -43,7 +43,18 @@ class Trapezoid:
         return abs(self.end_rad - self.start_rad) / top + top / self.acceleration_rad_s2 if top > 0.0 else 0.0
 
     def at(self, t_s: float) -> tuple[float, float]:
-        """Angle and speed, rad and rad/s; at rest before 0 and after the duration."""
+        """Angle and speed.
+
+        Parameters
+        ----------
+        t_s : float
+            At rest before 0 and after the duration.
+
+        Returns
+        -------
+        tuple[float, float]
+            Rad and rad/s, motor shaft.
+        """
         total_s, top, a = self.duration_s, self.top_rad_s, self.acceleration_rad_s2
         if t_s <= 0.0 or total_s == 0.0:
             return self.start_rad, 0.0
@@ -81,7 +92,6 @@ def strokes_of(motion: Motion, here: int, scaling: Scaling) -> tuple[list[Serial
     here : int
         Where the axis stands, counts.
     scaling : Scaling
-        Units of the drive.
 
     Raises
     ------
@@ -141,9 +151,7 @@ def check_limits(motion: Motion, limits: Limits, capabilities: Capabilities, her
     motion : Motion
         That is asked for.
     limits : Limits
-        Of the motion.
     capabilities : Capabilities
-        Of the drive.
     here_rad : float, rad
         Present motor angle.
 

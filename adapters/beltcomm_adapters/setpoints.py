@@ -96,7 +96,13 @@ class Setpoints:
 
     @classmethod
     def of(cls, motion: Motion, scaling: Scaling) -> Setpoints:
-        """Quantise a motion."""
+        """Quantise a motion.
+
+        Parameters
+        ----------
+        motion : Motion, motor shaft
+        scaling : Scaling
+        """
 
         def raw(values: NDArray[np.float64], unit: float) -> tuple[int, ...]:
             return tuple(np.rint(values / unit).astype(np.int64).tolist())
@@ -141,7 +147,15 @@ class Frames:
         self._offsets = len(layout.received) > 1
 
     def of(self, controlword: int, position: int, velocity: int, torque: int) -> tuple[bytes, ...]:
-        """One payload per receive PDO."""
+        """One payload per receive PDO.
+
+        Parameters
+        ----------
+        controlword : int
+        position : int, raw
+        velocity : int, raw
+        torque : int, raw
+        """
         if self._layout.mode == 6:
             return (_WORD(controlword),)
         if self._kind == "torque":
@@ -153,5 +167,12 @@ class Frames:
         return (head, _LONG_TORQUE(velocity, torque)) if self._offsets else (head,)
 
     def at_rest(self, controlword: int, position: int) -> tuple[bytes, ...]:
-        """The torque that holds the axis where torque is commanded, no speed, and ``position`` where positions are commanded."""
+        """The torque that holds the axis where torque is commanded, no speed, and the position.
+
+        Parameters
+        ----------
+        controlword : int
+        position : int, raw
+            Where positions are commanded.
+        """
         return self.of(controlword, position, 0, self._rest if self._kind == "torque" else 0)

@@ -119,7 +119,7 @@ class KernelSync:
             task.stop()
 
 
-def broadcast_by_kernel(bus: can.BusABC) -> bool:
+def _broadcast_by_kernel(bus: can.BusABC) -> bool:
     """True if periodic frames of this bus are sent by the kernel."""
     return type(getattr(bus, "inner", bus)).__name__ == "SocketcanBus"
 
@@ -134,4 +134,4 @@ def sync_source(link: Link, period_s: float) -> SyncSource:
     period_s : float, s
         Of SYNC.
     """
-    return KernelSync(link, period_s) if broadcast_by_kernel(link.bus) else HostSync(link, period_s)
+    return KernelSync(link, period_s) if _broadcast_by_kernel(link.bus) else HostSync(link, period_s)

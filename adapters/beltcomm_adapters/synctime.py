@@ -49,9 +49,7 @@ def keeps_time_by_sync(bus: can.BusABC, clock: Clock, node: int) -> bool:
     bus : BusABC
         Open.
     clock : Clock
-        Of the bus.
     node : int
-        Its number.
     """
     try:
         return SdoObjects(Link(bus, clock, node)).read_text(0x1009).endswith(TIME_BY_SYNC)

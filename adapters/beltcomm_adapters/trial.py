@@ -58,11 +58,8 @@ def tried(
     Parameters
     ----------
     objects : Objects
-        Of the drive.
     profile : Profile
-        Of the drive.
     scaling : Scaling
-        Units of the drive.
     modes : frozenset[int]
         That the drive has.
     period_s : float, s

@@ -130,7 +130,23 @@ class UnitSizes:
     m_per_rad: float | None = None
 
     def si(self, unit: RawUnit, what: str) -> float:
-        """One raw number in rad of the motor, per second to its power.   Raises DriveError where what it counts is not known."""
+        """One raw number in rad of the motor, per second to its power.
+
+        Parameters
+        ----------
+        unit : RawUnit
+        what : str
+            For the message.
+
+        Returns
+        -------
+        float
+
+        Raises
+        ------
+        DriveError
+            Where what it counts is not known.
+        """
         if unit.of == "rad":
             return unit.value
         if unit.of == "unit" and self.unit_rad is not None:

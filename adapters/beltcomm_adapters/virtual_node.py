@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from beltcomm.errors import UsageError
 from beltcomm.model import load_plant
-from beltcomm.plant.drive_section import DRIVE_KEYS
+from beltcomm.plant import DRIVE_KEYS
 from beltcomm.simulate.plant import SimulatedPlant
 from beltcomm.virtual.bus import LockstepBus
 from beltcomm.virtual.device import VirtualDrive

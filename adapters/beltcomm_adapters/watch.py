@@ -60,7 +60,19 @@ class LimitWatch:
         self._believed = _BELIEVED if speed_unit else 0.0
 
     def check(self, sample: Sample) -> None:
-        """Raises SafetyStop when ``sample`` breaks a limit, DriveError when its position and speed cannot be of one motion."""
+        """Check a sample against the limits.
+
+        Parameters
+        ----------
+        sample : Sample
+
+        Raises
+        ------
+        SafetyStop
+            When it breaks one.
+        DriveError
+            When its position and speed cannot be of one motion.
+        """
         before, self._before = self._before, sample
         stamp_s, position, torque, _, velocity, _ = sample
         elapsed_s, travel = math.inf, 0
@@ -82,7 +94,12 @@ class LimitWatch:
             self._odometer(travel, velocity, elapsed_s)
 
     def learn(self, sample: Sample) -> None:
-        """A sample of the stop, which breaks no limit any more, for a unit of speed that is being learnt."""
+        """A sample of the stop, which breaks no limit any more, for a unit of speed that is being learnt.
+
+        Parameters
+        ----------
+        sample : Sample
+        """
         before, self._before = self._before, sample
         if before is not None and isinstance(self._odometer, SpeedUnit):
             self._odometer(sample.position - before.position, sample.velocity, max(sample.stamp_s - before.stamp_s, self._period_s))
@@ -100,12 +117,29 @@ class LimitWatch:
         return STOP_TIME_S + self._limits.speed_rad_s / self._limits.deceleration_rad_s2
 
     def in_words(self, angle_rad: float) -> str:
-        """A way in words, of the carriage where its ratio is known."""
+        """A way in words, of the carriage where its ratio is known.
+
+        Parameters
+        ----------
+        angle_rad : float, motor shaft
+        """
         ratio = self._limits.ratio_m_rad
         return f"{1e3 * ratio * angle_rad:.0f} mm" if ratio else f"{angle_rad:.4g} rad"
 
     def follow(self, sample: Sample, reference: float) -> None:
-        """Raises SafetyStop when ``sample`` is too far off its reference position."""
+        """Check a sample against its reference position.
+
+        Parameters
+        ----------
+        sample : Sample
+        reference : float, raw
+            Position that was asked for.
+
+        Raises
+        ------
+        SafetyStop
+            When it is too far off.
+        """
         if abs(reference - sample.position) > self._farthest:
             off = (reference - sample.position) * self._scaling.position_rad
             self._stop("lag", off, "the axis is not the one that was counted with, or its gains do not hold it: identify again")

@@ -199,8 +199,15 @@ class ParameterObject:
 
         Parameters
         ----------
+        raw : float
+            As the drive has it.
         gain : callable
             K_P in N m s/rad, asked where the object is an integral time.
+
+        Returns
+        -------
+        float
+            SI, motor shaft; inf for an integral time of 0.
         """
         if self.law == "linear":
             return raw * self.scale
@@ -211,8 +218,16 @@ class ParameterObject:
 
         Parameters
         ----------
+        name : str
+            For the message.
+        value : float, SI, motor shaft
         gain : callable
             As in :meth:`value`.
+
+        Returns
+        -------
+        float
+            Whole, unless the object is a real32.
 
         Raises
         ------

@@ -70,13 +70,9 @@ def agree(
     plan : Plan
         What is planned.
     options : Options
-        Settings of the session.
     talk : Talk
-        Hears progress and answers questions.
     drive : Drive
-        Connected.
     axis : Axis
-        As its file states it.
     machine, agreement
         Of a command with records, which can be played on a twin first.
 

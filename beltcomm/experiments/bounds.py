@@ -71,7 +71,6 @@ def peak_torque_nm(axis: Axis, capabilities: Capabilities) -> float:
     axis : Axis
         Data sheets; a peak that is not stated does not bound.
     capabilities : Capabilities
-        Of the drive.
     """
     return min(axis.motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
 
@@ -82,7 +81,6 @@ def friction_before_nm(axis: Axis) -> float:
     Parameters
     ----------
     axis : Axis
-        Data sheets.
     """
     return gravity.FRICTION_SHARE * axis.torque_limit_nm
 
@@ -93,7 +91,6 @@ def held_before_nm(axis: Axis) -> float:
     Parameters
     ----------
     axis : Axis
-        Data sheets.
     """
     return abs(gravity.expected(axis).torque_nm) if axis.mounting.tilted else 0.0
 
@@ -106,9 +103,7 @@ def stroking_nm(axis: Axis, capabilities: Capabilities, share: float = phases.GE
     Parameters
     ----------
     axis : Axis
-        Data sheets.
     capabilities : Capabilities
-        Of the drive.
     share : float
         Of the belt's force; 0 leaves friction and gravity.
 
@@ -131,9 +126,7 @@ def course_before(axis: Axis, capabilities: Capabilities, mass_kg: float) -> Cou
     Parameters
     ----------
     axis : Axis
-        Data sheets.
     capabilities : Capabilities
-        Of the drive.
     mass_kg : float, kg
         Carriage with payload.
 
@@ -164,7 +157,6 @@ def gentle_force_n(axis: Axis) -> float:
     Parameters
     ----------
     axis : Axis
-        Data sheets.
     """
     held = abs(gravity.expected(axis).torque_nm) / axis.transmission_m_rad if axis.mounting.tilted else 0.0
     return phases.GENTLE_SHARE * axis.belt_force_limit_n + held
@@ -176,9 +168,7 @@ def top_speed_m_s(axis: Axis, capabilities: Capabilities) -> float:
     Parameters
     ----------
     axis : Axis
-        Data sheets.
     capabilities : Capabilities
-        Of the drive.
     """
     return min(float(axis.limits.speed_m_s or 0.0), capabilities.max_speed_rad_s * axis.transmission_m_rad)
 
@@ -189,7 +179,6 @@ def masses_kg(axis: Axis, model: Model | None = None) -> tuple[float, float]:
     Parameters
     ----------
     axis : Axis
-        Data sheets.
     model : Model or None
         None while none is known.
     """
@@ -206,9 +195,7 @@ def seconds_of(step: Step, course: Course) -> float:
     Parameters
     ----------
     step : Step
-        Of a record schedule.
     course : Course
-        Limits of motions.
 
     Raises
     ------
@@ -229,9 +216,7 @@ def has_room(step: Step, course: Course) -> bool:
     Parameters
     ----------
     step : Step
-        Of a record schedule.
     course : Course
-        Limits of motions.
     """
     try:
         seconds_of(step, course)
@@ -246,11 +231,8 @@ def bounds_of(axis: Axis, capabilities: Capabilities, step: Step, model: Model |
     Parameters
     ----------
     axis : Axis
-        As its file states it.
     capabilities : Capabilities
-        Of the drive.
     step : Step
-        Of a record schedule.
     model : Model or None
         Of the axis; without one the slowest and the fastest carriage that is thought of count.
     """
@@ -282,9 +264,7 @@ def fastest_m_s(axis: Axis, capabilities: Capabilities, steps: Sequence[Step], m
     Parameters
     ----------
     axis : Axis
-        Data sheets.
     capabilities : Capabilities
-        Of the drive.
     steps : sequence of Step
         Of a record schedule.
     mass_kg : float, kg
@@ -301,9 +281,7 @@ def lines_of(axis: Axis, capabilities: Capabilities, steps: Sequence[Step], mode
     Parameters
     ----------
     axis : Axis
-        As its file states it.
     capabilities : Capabilities
-        Of the drive.
     steps : sequence of Step
         In their order.
     model : Model or None

@@ -93,10 +93,10 @@ class Detectability:
 
     def to_dict(self) -> dict[str, Any]:
         """For ``--json``; null for never."""
-        return {"extent": self.extent, "records": self.records, "assumed": self.assumed, "effects": [as_entry(s) for s in self.sights]}
+        return {"extent": self.extent, "records": self.records, "assumed": self.assumed, "effects": [_as_entry(s) for s in self.sights]}
 
 
-def lines_of(found: Mapping[str, Any], whole: bool) -> list[str]:
+def _lines_of(found: Mapping[str, Any], whole: bool) -> list[str]:
     """For people: the weakest strength of every effect that could be named, then those that could not.
 
     Parameters
@@ -125,7 +125,7 @@ def lines_of(found: Mapping[str, Any], whole: bool) -> list[str]:
     return lines
 
 
-def as_entry(sight: DetectionLimit) -> dict[str, Any]:
+def _as_entry(sight: DetectionLimit) -> dict[str, Any]:
     """One effect for ``--json``."""
     weakest = None if math.isinf(sight.hardest) else sight.hardest * sight.size
     strength = None if math.isinf(sight.hardest) else sight.hardest
@@ -155,7 +155,7 @@ def _remedy(entry: Mapping[str, Any], extent: Extent) -> str:
     return f"{weaker}; {'the limits in axis.yaml allow no more' if extent == 'thorough' else '--thorough records more'}"
 
 
-def foresee(axis: Axis, capabilities: Capabilities, extent: Extent) -> Detectability:
+def _foresee(axis: Axis, capabilities: Capabilities, extent: Extent) -> Detectability:
     """Detection limits of the records of an extent.
 
     Raises
@@ -165,12 +165,12 @@ def foresee(axis: Axis, capabilities: Capabilities, extent: Extent) -> Detectabi
     """
     model = sheet_model(axis)
     noise = NOISE_SHARE * (axis.motor.rated_torque_nm or capabilities.rated_torque_nm)
-    recordings = list(records(axis, capabilities, model, extent, noise))
+    recordings = list(_records(axis, capabilities, model, extent, noise))
     data, fitted = fit_base_of(recordings, axis, model)
     sights = detection_limits(Scorer(fitted), ground_of(fitted, data.fitted, axis))
     assumed = (
-        f"assumed: carriage {model['cart.mass']:.3g} kg, friction {total_friction(model):.2g} N m, {1e3 * noise:.2g} mN m of torque noise, "
-        f"{capabilities.counts_per_rev} encoder steps per turn"
+        f"assumed: carriage {model['cart.mass']:.3g} kg, friction {1e3 * total_friction(model):.3g} mN m, "
+        f"{1e3 * noise:.2g} mN m of torque noise, {capabilities.counts_per_rev} encoder steps per turn"
     )
     return Detectability(tuple(sights), assumed, len(recordings), extent)
 
@@ -186,9 +186,7 @@ def with_detectability(plan: Plan, axis: Axis, capabilities: Capabilities, optio
     plan : Plan
         Of a commissioning.
     axis : Axis
-        As its file states it.
     capabilities : Capabilities
-        Of the drive.
     options : Options
         Extent, and what is to be shown.
 
@@ -200,10 +198,10 @@ def with_detectability(plan: Plan, axis: Axis, capabilities: Capabilities, optio
     if options.quick and not options.visible:
         return replace(plan, notes=(*plan.notes, UNSAID))
     try:
-        seen = kept_or_new(axis, capabilities, options.extent, lambda: plain(foresee(axis, capabilities, options.extent).to_dict()))
+        seen = _kept_or_new(axis, capabilities, options.extent, lambda: plain(_foresee(axis, capabilities, options.extent).to_dict()))
     except BeltcommError as problem:
         return replace(plan, notes=(*plan.notes, f"What these records could name cannot be said beforehand: {problem}"))
-    return replace(plan, notes=(*plan.notes, *lines_of(seen, whole=options.visible)), visible=seen)
+    return replace(plan, notes=(*plan.notes, *_lines_of(seen, whole=options.visible)), visible=seen)
 
 
 def sheet_model(axis: Axis) -> Model:
@@ -212,7 +210,6 @@ def sheet_model(axis: Axis) -> Model:
     Parameters
     ----------
     axis : Axis
-        Data sheets.
     """
     friction = FRICTION_SHARE * axis.torque_limit_nm
     middle = axis.travel.middle_m
@@ -229,7 +226,7 @@ def sheet_model(axis: Axis) -> Model:
     return sheet.with_values({name: value for name, value in values.items() if name in sheet.parameters}, "assumed")
 
 
-def records(axis: Axis, capabilities: Capabilities, model: Model, extent: Extent, noise_nm: float) -> Iterator[Recording]:
+def _records(axis: Axis, capabilities: Capabilities, model: Model, extent: Extent, noise_nm: float) -> Iterator[Recording]:
     """The records of an extent as a machine like the model would give them."""
     course, noise, clock_s = course_before(axis, capabilities, model["cart.mass"]), np.random.default_rng(SEED), 0.0
     left = record_schedule.BUDGET_S[extent] - FIRST_AND_LAST_S
@@ -318,9 +315,9 @@ class _Simulated:
         return _Motion(moved.t_s, acting, start / ratio + self.encoder_angle((moved.motor_m - start) / ratio), sidecar)
 
 
-def kept_or_new(axis: Axis, capabilities: Capabilities, extent: Extent, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+def _kept_or_new(axis: Axis, capabilities: Capabilities, extent: Extent, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     """The answer kept for this axis, drive and extent where everything is as it was, else a new one.   Raises what ``make`` raises."""
-    key = key_of(axis, capabilities, extent)
+    key = _key_of(axis, capabilities, extent)
     path = user_cache_path("beltcomm") / f"foresight_{key[:12]}.json"
     if found := caches.found(path, key):
         try:
@@ -333,7 +330,7 @@ def kept_or_new(axis: Axis, capabilities: Capabilities, extent: Extent, make: Ca
     return visible
 
 
-def key_of(axis: Axis, capabilities: Capabilities, extent: Extent) -> str:
+def _key_of(axis: Axis, capabilities: Capabilities, extent: Extent) -> str:
     """Changes with everything that the answer rests on."""
     drive = {name: sorted(map(str, v)) if isinstance(v, set | frozenset) else str(v) for name, v in asdict(capabilities).items()}
     return hashlib.sha256(json.dumps([axis.to_dict(), drive, extent, source_hash()], default=str, sort_keys=True).encode()).hexdigest()

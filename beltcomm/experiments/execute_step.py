@@ -71,7 +71,6 @@ def make(machine: Machine, loop: Closed, step: Step, name: str, loudest_nm: floa
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     loop : Closed
         In the drive, with its model.
     step : Step
@@ -90,16 +89,16 @@ def make(machine: Machine, loop: Closed, step: Step, name: str, loudest_nm: floa
         return
     machine.detail(f"{name}: {step.words()}")
     if step.kind == "response":
-        respond(machine, loop.model, step, name, loudest_nm, share)
+        _respond(machine, loop.model, step, name, loudest_nm, share)
         return
     course = course_of(machine, loop.model)
     phases.move_to(machine, start_of(step, course), loop.model)
-    path = stoppable_path(machine, loop, step, course, machine.position_m, pace)
+    path = _stoppable_path(machine, loop, step, course, machine.position_m, pace)
     sidecar = phases.sidecar(machine, EXPERIMENT[step.kind], held_out=step.held_out)
     machine.record(name, machine.follow(path, machine.stroking()), phases.stroke_envelope(machine), sidecar)
 
 
-def respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: float, share: float) -> None:
+def _respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: float, share: float) -> None:
     """A frequency response at a place of its own.
 
     Parameters
@@ -108,13 +107,13 @@ def respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: f
         Of its torque; below 1 after a carriage that went too far.
     """
     phases.move_to(machine, step.at_m(machine.envelope().window_m), model)
-    model = at_place(machine, model)
+    model = _at_place(machine, model)
     if machine.folder.finished(SWEEP) is not None and machine.stroking() == "position":
-        held = holding_at(machine.folder.recording(SWEEP), machine.ratio, machine.position_m)
+        held = _holding_at(machine.folder.recording(SWEEP), machine.ratio, machine.position_m)
         machine.holding_nm = machine.holding_nm if held is None else held
     amplitude = loudest_nm
     if step.share < LOUD:
-        amplitude = quieter(loudest_made(machine) or loudest_nm, total_friction(model), step.share)
+        amplitude = quieter(_loudest_made(machine) or loudest_nm, total_friction(model), step.share)
     wanted = step.seconds or RESPONSE_S
     respond_for: Callable[..., object] = partial(
         phases.frequency_response,
@@ -138,7 +137,7 @@ def respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: f
             machine.talk.say(f"±{above_nm:.3f} N m did not move the axis; once more, louder")
 
 
-def at_place(machine: Machine, model: Model) -> Model:
+def _at_place(machine: Machine, model: Model) -> Model:
     """The model found by the first response, with the stiffness that its belt has where the carriage stands, by its strands (2.26).
 
     As it is where nobody knows that place, or the lengths of the strands.
@@ -175,7 +174,7 @@ def short_if_possible(respond_for: Callable[[float], Answer], wanted_s: float) -
         return respond_for(longer_s)
 
 
-def holding_at(sweep: Recording, ratio: float, position_m: float) -> float | None:
+def _holding_at(sweep: Recording, ratio: float, position_m: float) -> float | None:
     """Torque that holds the carriage at a place beside friction, N m, 0 within the scatter of friction; None when the strokes do not tell.
 
     τ = a + b x + τ_c sign v + d v  over the strokes of a sweep: a tilt is a, a cable chain b.
@@ -193,7 +192,7 @@ def holding_at(sweep: Recording, ratio: float, position_m: float) -> float | Non
     return held if abs(held) > CLEAR_SHARE * abs(coulomb) else 0.0
 
 
-def loudest_made(machine: Machine) -> float:
+def _loudest_made(machine: Machine) -> float:
     """Largest amplitude among the run's excited records, N m; 0 without any."""
     folder = machine.folder
     sidecars = [load_sidecar(folder.recordings_folder / f"{name}.yaml")[0] for name in folder.finished_names()]
@@ -223,21 +222,19 @@ def course_of(machine: Machine, model: Model) -> Course:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     model : Model
-        Of the axis.
     """
     gentle = phases.gentle_limits(machine, model, np.inf)
     envelope, ends, period = machine.envelope(), phases.stroke_ends(machine), machine.drive.capabilities.sample_period_s
     if machine.stroking() != "position":  # a velocity loop lags, nobody predicts what the belt would carry
         return Course(envelope.window_m, ends, gentle, gentle, period)
     slowest_hz, _ = analyse.characteristic_hz(model, 0.5 * sum(envelope.window_m))
-    hard = hard_acceleration_m_s2(machine, model)
+    hard = _hard_acceleration_m_s2(machine, model)
     limits = replace(gentle, acceleration_m_s2=hard, jerk_m_s3=hard * slowest_hz / RISE_PERIODS)
     return Course(envelope.window_m, ends, gentle, limits, period)
 
 
-def hard_acceleration_m_s2(machine: Machine, model: Model) -> float:
+def _hard_acceleration_m_s2(machine: Machine, model: Model) -> float:
     """Acceleration with all of the belt's force or what the motor bears for ever beside friction, whichever is less, m/s²."""
     ratio, mass = model["transmission.ratio"], model["cart.mass"]
     borne = phases.excitation_torque_nm(machine.axis, machine.drive.capabilities, machine.holding_nm)
@@ -246,7 +243,7 @@ def hard_acceleration_m_s2(machine: Machine, model: Model) -> float:
     return HARD_SHARE * min(machine.axis.limits.acceleration_m_s2 or math.inf, machine.belt_left_n / mass, by_torque)
 
 
-def stoppable_path(machine: Machine, loop: Closed, step: Step, course: Course, at_m: float, pace: float = 1.0) -> Trajectory:
+def _stoppable_path(machine: Machine, loop: Closed, step: Step, course: Course, at_m: float, pace: float = 1.0) -> Trajectory:
     """The path of a step, slowed down until every stop ends inside the travel and moves keep the belt's force."""
 
     def plan(share: float) -> Trajectory:
@@ -254,12 +251,12 @@ def stoppable_path(machine: Machine, loop: Closed, step: Step, course: Course, a
         return path_of(step, eased, at_m)
 
     def leaves_by_m(path: Trajectory, enough_m: float) -> float:
-        return phases.strokes_leave_by_m(machine, path, enough_m) if within_belt(machine, loop, step, path) else math.inf
+        return phases.strokes_leave_by_m(machine, path, enough_m) if _within_belt(machine, loop, step, path) else math.inf
 
     return phases.stoppable(machine, plan, leaves_by_m)
 
 
-def within_belt(machine: Machine, loop: Closed, step: Step, path: Trajectory) -> bool:
+def _within_belt(machine: Machine, loop: Closed, step: Step, path: Trajectory) -> bool:
     """True if a motion with more than gentle acceleration is predicted to load the belt no more than it may."""
     if step.kind != "moves" or machine.stroking() != "position" or loop.cascade is None:
         return True
@@ -274,7 +271,6 @@ def is_measured(machine: Machine, step: Step) -> bool:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     step : Step
         Of the plan.
     """

@@ -63,6 +63,8 @@ class ConfirmedBounds:
 
         Parameters
         ----------
+        axis : Axis
+        plan : Plan
         profile : str or None
             As given: one that is not shipped is part of the machine.
         """
@@ -74,7 +76,12 @@ class ConfirmedBounds:
 
     @classmethod
     def from_dict(cls, entry: Any) -> ConfirmedBounds:
-        """As :meth:`to_dict` has it; nothing at all for what cannot be read."""
+        """As :meth:`to_dict` has it; nothing at all for what cannot be read.
+
+        Parameters
+        ----------
+        entry : Any
+        """
         try:
             return cls(dict(entry["machine"]), {str(name): float(value) for name, value in entry["most"].items()})
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
@@ -85,7 +92,13 @@ class ConfirmedBounds:
         return {"machine": dict(self.machine), "most": dict(self.most)}
 
     def unconfirmed_entries(self, confirmed: ConfirmedBounds) -> list[str]:
-        """Entries that were not confirmed, in words."""
+        """Entries that were not confirmed, in words.
+
+        Parameters
+        ----------
+        confirmed : ConfirmedBounds
+            On the drive before.
+        """
         found = []
         for name, here in self.machine.items():
             if (before := confirmed.machine.get(name)) != here:
@@ -99,7 +112,13 @@ class ConfirmedBounds:
         return found
 
     def with_(self, confirmed: ConfirmedBounds) -> ConfirmedBounds:
-        """This and what was confirmed on the same machine before."""
+        """This and what was confirmed on the same machine before.
+
+        Parameters
+        ----------
+        confirmed : ConfirmedBounds
+            On the drive before; of another machine it counts for nothing.
+        """
         if confirmed.machine != self.machine:
             return self
         return ConfirmedBounds(self.machine, {name: max(most, confirmed.most.get(name, most)) for name, most in self.most.items()})
@@ -117,13 +136,10 @@ def confirm_first_motion(
     hardware : Hardware
         Drive, and what this computer knows of it.
     axis : Axis
-        As its file states it.
     plan : Plan
         What is planned.
     options : Options
-        Settings of the session.
     talk : Talk
-        Hears progress and answers questions.
     units : Mapping of str to float
         Of its capabilities: with others than it was moved with it is asked for anew.
 

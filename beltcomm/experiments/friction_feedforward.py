@@ -9,8 +9,10 @@ ahead of its reference until it is stopped.  The sweep measured it at speed.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.optimize import nnls
@@ -31,7 +33,9 @@ from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.rundata import analyse
 from beltcomm.rundata.findings import Findings
+from beltcomm.schedule.strokes import fastest_stroke_m_s, sweep_strokes
 from beltcomm.simulate.stopping import total_friction, total_viscous
+from beltcomm.trajectory import Strokes
 
 #: Records of short strokes, each at a share of the fastest speed that has a plateau on the way, m; that plateau, s.
 SHORT_STROKES = {f"short_strokes_{number}": share for number, share in enumerate((0.3, 0.5, 0.75, 1.0), start=1)}
@@ -48,7 +52,7 @@ UNSURE = 0.05
 FREE_SHARE = 0.2
 
 
-def may_be_weak(capabilities: Capabilities) -> bool:
+def _may_be_weak(capabilities: Capabilities) -> bool:
     """True for a drive with known gains whose loop no filter keeps off the resonance, and that takes torque beside it."""
     known, structure = capabilities.gains != "unknown" and stroking(capabilities) != "profile", capabilities.structure
     return known and structure.torque_feedforward and set(structure.prefilters) <= {"none"}
@@ -60,16 +64,27 @@ def line(axis: Axis, capabilities: Capabilities) -> tuple[Experiment, ...]:
     Parameters
     ----------
     axis : Axis
-        As its file states it.
     capabilities : Capabilities
-        Of the drive.
     """
-    if not may_be_weak(capabilities):
+    if not _may_be_weak(capabilities):
         return ()
     way, speed = WAY_M + ASTRAY_M, min(FASTEST_M_S, top_speed_m_s(axis, capabilities))
     torque, seconds = peak_torque_nm(axis, capabilities), len(SHORT_STROKES) * SECONDS
     heating = stroking_nm(axis, capabilities)
     return (Experiment("short strokes, for friction", WAY_M, way, speed, torque, gentle_force_n(axis), seconds, heating),)
+
+
+def _short_strokes(machine: Machine, model: Model, share: float) -> Strokes:
+    """A stroke forth and back from where the carriage stands towards the farther end, at a share of the fastest speed for that way."""
+    at, limits, period = machine.position_m, phases.gentle_limits(machine, model, np.inf), machine.drive.capabilities.sample_period_s
+    far = phases.farther_end_m(machine)
+    end = at + math.copysign(min(WAY_M, abs(far - at)), far - at)
+
+    def plan(slower: float) -> Strokes:
+        fastest = min(FASTEST_M_S, fastest_stroke_m_s(limits.slower(slower), abs(end - at), PLATEAU_S))
+        return sweep_strokes(at, end, limits.slower(slower), period, "once", [share * fastest], longest_s=PLATEAU_S)
+
+    return phases.stoppable(machine, plan, partial(phases.strokes_leave_by_m, machine))
 
 
 def with_friction_of_strokes(machine: Machine, loop: execute_step.Closed) -> execute_step.Closed:
@@ -80,18 +95,17 @@ def with_friction_of_strokes(machine: Machine, loop: execute_step.Closed) -> exe
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     loop : Closed
         In the drive, with its model.
     """
-    if loop.cascade is None or not may_be_weak(machine.drive.capabilities) or machine.folder.finished(execute_step.SWEEP) is not None:
+    if loop.cascade is None or not _may_be_weak(machine.drive.capabilities) or machine.folder.finished(execute_step.SWEEP) is not None:
         return loop
     passes: list[Plateau] = []
     for name, share in SHORT_STROKES.items():
         if machine.folder.finished(name) is None:
             if phases.sweep_is_sure(machine, loop.model):
                 break
-            path = phases.short_strokes(machine, loop.model, WAY_M, share, FASTEST_M_S, PLATEAU_S).trajectory
+            path = _short_strokes(machine, loop.model, share).trajectory
             envelope, sidecar = replace(phases.stroke_envelope(machine), lag_m=ASTRAY_M), phases.sidecar(machine, "friction_sweep")
             try:
                 machine.record(name, machine.follow(path, machine.stroking()), envelope, sidecar)
@@ -114,16 +128,14 @@ def learn_friction(machine: Machine, model: Model) -> None:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     model : Model
-        Of the axis.
     """
     if machine.closed is not None and machine.cascade is not None:
         cascade = replace(machine.cascade, feedforward=machine.feedforward or machine.cascade.feedforward)
         with_friction_of_strokes(machine, execute_step.Closed(model, cascade, machine.closed[1]))
 
 
-def shown_by_passes(sent: Feedforward, passes: Sequence[Plateau]) -> Feedforward:
+def _shown_by_passes(sent: Feedforward, passes: Sequence[Plateau]) -> Feedforward:
     """The feedforward with the friction that passes show: of one speed all of it times a factor; as it is where they show none."""
     if not passes or not (sent.viscous_nm_s_rad or sent.coulomb_nm):
         return sent
@@ -138,7 +150,7 @@ def shown_by_passes(sent: Feedforward, passes: Sequence[Plateau]) -> Feedforward
 
 def _with_passes(machine: Machine, loop: execute_step.Closed, passes: Sequence[Plateau]) -> execute_step.Closed:
     """The loop, in the drive too, with the friction that passes show sent ahead."""
-    if loop.cascade is None or (shown := shown_by_passes(loop.cascade.feedforward, passes)) == loop.cascade.feedforward:
+    if loop.cascade is None or (shown := _shown_by_passes(loop.cascade.feedforward, passes)) == loop.cascade.feedforward:
         return loop
     viscous, coulomb = shown.viscous_nm_s_rad, shown.coulomb_nm
     top = machine.ratio * max(abs(one.speed_rad_s) for one in passes)
@@ -170,9 +182,7 @@ def with_measured_friction(machine: Machine, findings: Findings, loop: execute_s
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     findings : Findings
-        Of the session; filled.
     loop : Closed
         In the drive, with its model.
     """
@@ -183,14 +193,14 @@ def with_measured_friction(machine: Machine, findings: Findings, loop: execute_s
         or machine.folder.finished(execute_step.SWEEP) is None
     ):
         return loop
-    cascade = with_sliding_friction(loop.cascade, loop.model, machine.folder.recording(execute_step.SWEEP))
+    cascade = _with_sliding_friction(loop.cascade, loop.model, machine.folder.recording(execute_step.SWEEP))
     if cascade == loop.cascade:
         return loop
     stops.count_on_loop(machine, family_around(loop.model), machine.write_cascade(cascade), loop.delay_s)
     return replace(loop, cascade=cascade)
 
 
-def with_sliding_friction(cascade: Cascade, model: Model, sweep: Recording) -> Cascade:
+def _with_sliding_friction(cascade: Cascade, model: Model, sweep: Recording) -> Cascade:
     """The cascade with the friction of ``sweep`` in its feedforward, where that tells it; else as it is.
 
     Gains and inertia stay: no pole moves.

@@ -58,9 +58,7 @@ def line(axis: Axis, capabilities: Capabilities) -> tuple[Experiment, ...]:
     Parameters
     ----------
     axis : Axis
-        Data sheets.
     capabilities : Capabilities
-        Of the drive.
     """
     return (experiment(axis, capabilities),) if capabilities.uncalibrated else ()
 
@@ -71,9 +69,7 @@ def experiment(axis: Axis, capabilities: Capabilities) -> Experiment:
     Parameters
     ----------
     axis : Axis
-        Data sheets.
     capabilities : Capabilities
-        Of the drive.
     """
     torque = WATCHED * TORQUE_SHARE * min(axis.torque_limit_nm, capabilities.peak_torque_nm)
     force = min(torque / axis.transmission_m_rad, axis.belt_force_limit_n)
@@ -86,7 +82,6 @@ def ensure(machine: Machine, breakaway_nm: float) -> float:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     breakaway_nm : float, N m, motor shaft
         Breakaway torque.
 
@@ -116,7 +111,6 @@ def adopt(machine: Machine, found: Calibration) -> list[str]:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     found : Calibration
         Constants of this drive.
 
@@ -148,7 +142,6 @@ def measure(machine: Machine, breakaway_nm: float) -> Calibration:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     breakaway_nm : float
         Friction at standstill.
 

@@ -47,7 +47,7 @@ TILT_READ_DEG = 1.0
 RECORD = "holding"
 
 
-def mean_of(values: Sequence[float]) -> HoldingTorque:
+def _mean_of(values: Sequence[float]) -> HoldingTorque:
     """Mean and its 95 % interval by the scatter (Student's t); infinite for a single value."""
     n = len(values)
     spread = float(stdtrit(n - 1, 0.975) * np.std(values, ddof=1) / math.sqrt(n)) if n > 1 else math.inf
@@ -60,7 +60,6 @@ def masses_kg(machine: Machine, torque_nm: float) -> tuple[float, ...]:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     torque_nm : float, N m, motor shaft
         Holding torque.
     """
@@ -76,7 +75,6 @@ def sign_and_scale(machine: Machine) -> tuple[Breakaway, Holding]:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
 
     Raises
     ------
@@ -97,7 +95,7 @@ def sign_and_scale(machine: Machine) -> tuple[Breakaway, Holding]:
         if not number:  # before, neither the torque that holds nor the encoder's direction is known: a drive that brakes might drive away
             host_loss.prove(machine, torque)
     machine.machine_seconds += machine.drive.clock.now() - begun
-    found = mean_of([_half(pair) for pair in pairs])
+    found = _mean_of([_half(pair) for pair in pairs])
     found = replace(found, interval_nm=math.hypot(found.interval_nm, machine.drive.capabilities.torque_step_nm))  # each onset is in steps
     onsets = [float(np.mean([getattr(pair, name) for pair in pairs])) for name in ("forward_nm", "backward_nm")]
     held = machine.holding_nm if machine.holds_in_loops else 0.0
@@ -223,7 +221,6 @@ def compare(machine: Machine, holding: Holding) -> Holding:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     holding : Holding
         With the half sum at breakaway.
 
@@ -239,7 +236,7 @@ def compare(machine: Machine, holding: Holding) -> Holding:
         centre = holding.breakaway.torque_nm
         try:
             strokes = _creep(machine)
-            found, friction = half_sums(strokes, machine.ratio)
+            found, friction = _half_sums(strokes, machine.ratio)
             holding = replace(holding, creep=found, creep_coulomb_nm=friction)
             centre = found.torque_nm
             settled = [_integrate(machine, centre, side * friction) for side in (-1.0, 1.0)]
@@ -266,7 +263,7 @@ def _creep(machine: Machine) -> Recording:
     return machine.record(RECORD, machine.follow(path, "position"), phases.untuned_envelope(machine), sidecar)
 
 
-def half_sums(recording: Recording, ratio: float) -> tuple[HoldingTorque, float]:
+def _half_sums(recording: Recording, ratio: float) -> tuple[HoldingTorque, float]:
     """Holding torque by half sums, and half differences, N m, of the strokes at constant speed.
 
     τ_g = (τ_up + τ_down)/2  of each pair over the same way; their scatter gives the interval.
@@ -293,7 +290,7 @@ def half_sums(recording: Recording, ratio: float) -> tuple[HoldingTorque, float]
     torques, signs = (values[: len(values) // 2 * 2] for values in (torques, signs))
     pairs = 0.5 * (torques[::2] + torques[1::2])
     friction = 0.5 * (float(np.mean(torques[signs > 0.0])) - float(np.mean(torques[signs < 0.0])))
-    return mean_of([float(value) for value in pairs]), friction
+    return _mean_of([float(value) for value in pairs]), friction
 
 
 def _integrate(machine: Machine, centre_nm: float, friction_nm: float) -> Settled:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from beltcomm.arrays import Array, BoolArray
+from beltcomm.arrays import Array, BoolArray, rms
 from beltcomm.control import Cascade
 from beltcomm.design.compliant import with_rest_before
 from beltcomm.design.learning import LearningFilter, learning_filter
@@ -111,11 +111,8 @@ def learn(
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     model : Model
-        Of the axis.
     cascade : Cascade
-        The controller.
     delay_s : float, s
         Of the torque path.
     trajectory : Trajectory
@@ -178,9 +175,9 @@ def _repetition(name: str, recording: Recording, ratio: float, torque: Array, ve
     assert recording.reference_position is not None
     error = ratio * (recording.reference_position - recording.position)
     moving = np.abs(np.gradient(recording.reference_position)) > 0.0
-    rms, largest = float(np.sqrt(np.mean(error[moving] ** 2))), float(np.max(np.abs(error[moving])))
+    largest = float(np.max(np.abs(error[moving])))
     at = np.rint((recording.t_s - recording.t_s[0]) / period_s)
-    return Repetition(name, rms, largest, torque, np.interp(np.arange(len(torque)), at, error), verdict)
+    return Repetition(name, rms(error[moving]), largest, torque, np.interp(np.arange(len(torque)), at, error), verdict)
 
 
 def _moving(path: Trajectory, samples: int) -> BoolArray:

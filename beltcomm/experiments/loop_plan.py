@@ -100,7 +100,16 @@ class LoopJob:
     torque_step_nm: float
 
     def motion(self, amplitude: float, sign: float = 1.0, *, rising: bool = False) -> MovingExcitation:
-        """The record with this amplitude; a rising one is one stroke with one measured period."""
+        """The record with this amplitude.
+
+        Parameters
+        ----------
+        amplitude : float, N m or rad/s at the motor, as the loop takes it
+        sign : float
+            Of the speed: 1 or -1.
+        rising : bool
+            One stroke with one measured period.
+        """
         signal = replace(self.choice, repeats=1 if rising else self.periods)
         step = self.torque_step_nm if self.loop.into == "torque" else 0.0
         excitation = signal.excitation(amplitude, self.loop.sample_period_s, torque_step_nm=step)
@@ -118,7 +127,6 @@ def require_offered(capabilities: Capabilities, way: Way, parameters: frozenset[
     Parameters
     ----------
     capabilities : Capabilities
-        Of the drive.
     way : Way
         Of identifying in closed loop.
     parameters : frozenset of str
@@ -152,11 +160,9 @@ def plan_job(machine: Machine, findings: Findings, model: Model, way: Way, base_
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     findings : Findings
         With the delay.
     model : Model
-        Of the axis.
     way : Way
         Of identifying in closed loop.
     base_speed_m_s : float or None
@@ -223,7 +229,6 @@ def plan_of(machine: Machine, job: LoopJob) -> Plan:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     job : LoopJob
         Loop, signal and predicted motion.
     """
@@ -290,7 +295,6 @@ def check_inside(machine: Machine, prediction: MovingPrediction) -> None:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     prediction : MovingPrediction, m
         Of the record.
 

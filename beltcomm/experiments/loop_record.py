@@ -34,7 +34,6 @@ def record_all(machine: Machine, findings: Findings, job: LoopJob, *, ask: bool)
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     findings : Findings
         Filled as it goes.
     job : LoopJob
@@ -62,7 +61,7 @@ def record_all(machine: Machine, findings: Findings, job: LoopJob, *, ask: bool)
         if not job.speed_m_s and not is_moved(job, amplitude, machine.position_m):
             amplitude = job.step.amplitude  # what friction holds shows nothing
         recording = _record(machine, job, _free(machine, f"{job.way}_{number}_rise_{rise}"), amplitude, rising=True)
-        amplitude = min(GROWTH * amplitude, allowed_gains(recording, amplitude, job.loop.drive.counts_per_rev), job.step.amplitude)
+        amplitude = min(GROWTH * amplitude, _allowed_gains(recording, amplitude, job.loop.drive.counts_per_rev), job.step.amplitude)
     machine.begin(TITLES[2])
     return _record(machine, job, _free(machine, f"{job.way}_{number}"), amplitude, rising=False)
 
@@ -93,7 +92,7 @@ def slowest_share(recording: Recording, counts_per_rev: int) -> float:
     return found
 
 
-def allowed_gains(recording: Recording, amplitude: float, counts_per_rev: int) -> float:
+def _allowed_gains(recording: Recording, amplitude: float, counts_per_rev: int) -> float:
     """The amplitude at which the motor is slowed down as much as it may, by what a record with a smaller one showed."""
     share = slowest_share(recording, counts_per_rev)
     return amplitude * (1.0 - SLOWEST_SHARE) / max(1.0 - share, 1e-6) if math.isfinite(share) else math.inf

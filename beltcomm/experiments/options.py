@@ -301,7 +301,6 @@ def settings_of(options: Options) -> Settings:
     Parameters
     ----------
     options : Options
-        Settings of the session.
 
     Raises
     ------
@@ -335,13 +334,9 @@ def claim(folder: RunFolder, capabilities: Capabilities, options: Options, talk:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     capabilities : Capabilities
-        Of the drive.
     options : Options
-        Settings of the session.
     talk : Talk
-        Hears progress and answers questions.
 
     Raises
     ------
@@ -367,9 +362,7 @@ def admit_edited(file: str, edited: bool, options: Options, talk: Talk) -> None:
     edited : bool
         True if it is not as beltcomm wrote it.
     options : Options
-        Settings of the session.
     talk : Talk
-        Hears progress and answers questions.
 
     Raises
     ------
@@ -425,15 +418,10 @@ def new_folder(run: Path, axis: Axis, drive: Drive, options: Options, talk: Talk
     Parameters
     ----------
     run : Path
-        Of the run folder.
     axis : Axis
-        As its file states it.
     drive : Drive
-        Connected.
     options : Options
-        Settings of the session.
     talk : Talk
-        Hears progress and answers questions.
     reached_as : str
         What the drive is called on the command line.
 

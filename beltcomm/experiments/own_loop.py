@@ -48,9 +48,7 @@ def try_out(machine: Machine, findings: Findings, model: Model) -> bool:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     findings : Findings
-        Of the session; filled.
     model : Model
         First model.
     """
@@ -96,7 +94,7 @@ def _trials(machine: Machine, model: Model) -> float:
         limits = replace(limits, jerk_m_s3=20.0 * limits.acceleration_m_s2)
         most_m = FIRST_LAG_M if math.isinf(lag_s) else LAG_GROWTH * lag_s * speed + LAG_SLACK_M
         path = with_dwell(plan_trajectory(at, at + way, limits, machine.drive.capabilities.sample_period_s), TRIAL_REST_S)
-        top, off = _follow(machine, model, path, most_m)
+        top, off = _follow(machine, path, most_m)
         lag_s = off / top
         if machine.stroking() == "position" and abs(machine.position_m - (at + way)) > HELD_M:
             raise Refused(
@@ -106,7 +104,7 @@ def _trials(machine: Machine, model: Model) -> float:
     return lag_s
 
 
-def _follow(machine: Machine, model: Model, path: Trajectory, most_m: float) -> tuple[float, float]:
+def _follow(machine: Machine, path: Trajectory, most_m: float) -> tuple[float, float]:
     """Follow a path; its top speed, m/s, and how far the carriage was off it, m.   most_m : what is allowed of that."""
     kind, full = machine.stroking(), machine.envelope()
     rows: list[tuple[float, float]] = []
@@ -142,13 +140,9 @@ def verify_own(
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     findings : Findings
-        Of the session; filled.
     model : Model
-        Of the axis.
     cascade : Cascade
-        The controller.
     asked : Trajectory or None
         The user's own move, or None for the standard one; None is returned where no share of its speed could be driven.
     """

@@ -33,7 +33,6 @@ def unguarded_words(capabilities: Capabilities) -> str:
     Parameters
     ----------
     capabilities : Capabilities
-        Of the drive.
     """
     if stroking(capabilities) != "profile":
         return ""
@@ -43,7 +42,7 @@ def unguarded_words(capabilities: Capabilities) -> str:
     )
 
 
-def lags(capabilities: Capabilities) -> bool:
+def _lags(capabilities: Capabilities) -> bool:
     """True if strokes are followed late."""
     return stroking(capabilities) == "profile" and not capabilities.structure.velocity_feedforward
 
@@ -54,9 +53,8 @@ def kpp_1_s(machine: Machine) -> float:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     """
-    return machine.drive.backup().get("kpp_1_s", 0.0) if lags(machine.drive.capabilities) else math.inf
+    return machine.drive.backup().get("kpp_1_s", 0.0) if _lags(machine.drive.capabilities) else math.inf
 
 
 def settle_s(machine: Machine) -> float:
@@ -65,7 +63,6 @@ def settle_s(machine: Machine) -> float:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
 
     Raises
     ------
@@ -87,9 +84,8 @@ def note(machine: Machine) -> dict[str, Any]:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     """
-    return {RUN_IN_KEY: SWEEP_RUN_IN_S + settle_s(machine)} if lags(machine.drive.capabilities) else {}
+    return {RUN_IN_KEY: SWEEP_RUN_IN_S + settle_s(machine)} if _lags(machine.drive.capabilities) else {}
 
 
 def longest_sweep_s(axis: Axis, capabilities: Capabilities) -> float:
@@ -98,9 +94,7 @@ def longest_sweep_s(axis: Axis, capabilities: Capabilities) -> float:
     Parameters
     ----------
     axis : Axis
-        Data sheets.
     capabilities : Capabilities
-        Of the drive.
     """
     if stroking(capabilities) != "profile":
         return 0.0
@@ -108,7 +102,7 @@ def longest_sweep_s(axis: Axis, capabilities: Capabilities) -> float:
     plateau_s = max(0.0, 1.5 * PLATEAU_ROWS * period_s - SWEEP_LONGEST_S)
     each_s = plateau_s + HANDING_OVER * period_s + ARRIVAL_S
     way = axis.travel.length_m
-    if not lags(capabilities):
+    if not _lags(capabilities):
         return STROKES * each_s + way / SLOW_M_S
     slowest = CONSTANTS / LONGEST_S
     return STROKES * (each_s + LONGEST_S + ARRIVING / slowest) + way / min(SLOW_M_S, LAG_M * slowest)

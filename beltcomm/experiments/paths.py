@@ -47,7 +47,17 @@ class Course:
     period_s: float
 
     def place_m(self, step: Step) -> float:
-        """Position of a step, m."""
+        """Position of a step.
+
+        Parameters
+        ----------
+        step : Step
+
+        Returns
+        -------
+        float, m
+            Of the carriage.
+        """
         return step.at_m(self.window_m)
 
 
@@ -57,9 +67,7 @@ def start_of(step: Step, course: Course) -> float:
     Parameters
     ----------
     step : Step
-        Of a record schedule.
     course : Course
-        Limits of motions.
 
     Raises
     ------
@@ -89,9 +97,7 @@ def path_of(step: Step, course: Course, at_m: float) -> Trajectory:
     Parameters
     ----------
     step : Step
-        Of a record schedule.
     course : Course
-        Limits of motions.
     at_m : float, m
         Where the carriage stands.
 

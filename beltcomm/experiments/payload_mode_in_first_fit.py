@@ -45,7 +45,6 @@ def with_swing(found: FinalModel, recordings: Sequence[Recording], axis: Axis, c
     recordings : sequence of Recording
         Of the fit.
     axis : Axis
-        Data sheets.
     counts_per_rev : int
         Of the encoder.
     """
@@ -113,9 +112,7 @@ def proven_margin_deg(
     swing : Model
         With the payload mode.
     cascade : Cascade
-        The controller.
     structure : CascadeStructure
-        Of the drive's loops.
     at_m : float, m
         Carriage on the axis.
     dead_time_s : float, s

@@ -89,7 +89,6 @@ def envelope_around(machine: Machine, position_m: float, travel_m: float) -> Env
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     position_m : float, m
         Of the carriage.
     travel_m : float, m
@@ -106,7 +105,6 @@ def room_to_creep(machine: Machine) -> float:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
 
     Raises
     ------
@@ -129,7 +127,6 @@ def sign_and_scale(machine: Machine) -> Breakaway:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
 
     Raises
     ------
@@ -162,9 +159,7 @@ def feel_units(machine: Machine, limits: Limits, sign: float, left_m: float) -> 
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     limits : Limits
-        Of the motion.
     sign : float
         Of the first way.
     left_m : float, m
@@ -181,9 +176,13 @@ def motion_limits(machine: Machine, position_m: float) -> MotionLimits:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     position_m : float, m
         Of the carriage.
+
+    Raises
+    ------
+    Refused
+        Beside an end of the travel.
     """
     full = machine.envelope()
     low, high = full.window_m
@@ -210,9 +209,7 @@ def excitation_torque_nm(axis: Axis, capabilities: Capabilities, held_nm: float)
     Parameters
     ----------
     axis : Axis
-        As its file states it.
     capabilities : Capabilities
-        Of the drive.
     held_nm : float, N m
         Against weight, at the motor.
     """
@@ -249,9 +246,7 @@ def check_asked(asked: AskedExcitation, kind: ExcitationKind, axis: Axis, capabi
     kind : ExcitationKind
         Of the sequence.
     axis : Axis
-        As its file states it.
     capabilities : Capabilities
-        Of the drive.
     """
     most = min(excitation_torque_nm(axis, capabilities, 0.0), capabilities.peak_torque_nm)
     asked.check(kind, capabilities.sample_period_s, capabilities.torque_step_nm, most)
@@ -275,11 +270,9 @@ def frequency_response(
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     name : str
         Of the record.
     model : Model
-        Of the axis.
     amplitude_nm : float, N m
         Of the motor.
     seconds : float, s
@@ -304,16 +297,20 @@ def frequency_response(
 
 
 def louder(machine: Machine, step: AmplitudeStep, above_nm: float) -> None:
-    """Raise NoMotion where a step is no louder than what did not move the axis, N m.
+    """Check that a step is louder than what did not move the axis.
 
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     step : AmplitudeStep
         With its amplitude.
     above_nm : float, N m
         That did not move the axis.
+
+    Raises
+    ------
+    NoMotion
+        Where the limits allow no more.
     """
     if step.amplitude_nm > LOUDER * above_nm:
         return
@@ -332,17 +329,20 @@ def planned_response(
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     name : str
         Of the record.
     model : Model
-        Of the axis.
     choice : Choice
         Of :func:`response_to_come`.
     step : AmplitudeStep
         With its amplitude.
     held_out : bool
         It judges, nothing is fitted to it.
+
+    Returns
+    -------
+    tuple[Recording, Excitation, AmplitudeStep]
+        The record, what excited it, and the step as given.
     """
     at, period = machine.position_m, machine.drive.capabilities.sample_period_s
     excitation = choice.excitation(step.amplitude_nm, period, torque_step_nm=machine.drive.capabilities.torque_step_nm)
@@ -373,9 +373,7 @@ def response_to_come(
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     model : Model
-        Of the axis.
     amplitude_nm : float, N m
         Of the motor.
     seconds : float, s
@@ -426,7 +424,6 @@ def without_offset(model: Model) -> Model:
     Parameters
     ----------
     model : Model
-        Of the axis.
     """
     return model.with_values({name: 0.0 for name in ("constant_offset.torque", "tilt.angle") if name in model.parameters})
 
@@ -437,7 +434,6 @@ def excitation_envelope(machine: Machine, at: float) -> Envelope:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     at : float, m
         Of the carriage.
     """
@@ -450,11 +446,9 @@ def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = P
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     target_m : float, m
         Of the carriage.
     model : Model
-        Of the axis.
     slow_m_s : float, m/s
         At most.
 
@@ -474,7 +468,7 @@ def move_to(machine: Machine, target_m: float, model: Model, slow_m_s: float = P
     for _ in range(POSITIONING_TRIES):  # the velocity loop ends a little beside its goal
         if abs(machine.position_m - target_m) < ARRIVED_M:
             return
-        path, envelope = positioning(machine, plan_to_target, positioning_envelope)
+        path, envelope = positioning(machine, plan_to_target, _positioning_envelope)
         machine.run(machine.follow(path, machine.stroking()), envelope)
     if abs(machine.position_m - target_m) > ASTRAY_M:
         raise SafetyStop(
@@ -506,12 +500,11 @@ def untuned_envelope(machine: Machine) -> Envelope:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     """
     return replace(machine.envelope(), lag_m=LOST_M + own_strokes.LAG_M * (own_strokes.kpp_1_s(machine) < np.inf))
 
 
-def positioning_envelope(machine: Machine, path: Trajectory) -> Envelope:
+def _positioning_envelope(machine: Machine, path: Trajectory) -> Envelope:
     """The axis for positioning by such a loop, without half of what the path leaves free at its ends: what overshoots is to stop there."""
     return _without_ends(untuned_envelope(machine), (float(np.min(path.position_m)), float(np.max(path.position_m))), FREE_END)
 
@@ -522,7 +515,6 @@ def stroke_envelope(machine: Machine) -> Envelope:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     """
     envelope = untuned_envelope(machine)
     kept = _without_ends(envelope, stroke_ends(machine), LAST_BIT)
@@ -541,7 +533,6 @@ def sidecar(machine: Machine, experiment: str, **more: Any) -> Sidecar:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     experiment : str
         Kind of record.
     **more : Any
@@ -556,9 +547,7 @@ def gentle_limits(machine: Machine, model: Model, speed_m_s: float) -> Trajector
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     model : Model
-        Of the axis.
     speed_m_s : float, m/s
         At most.
     """
@@ -579,7 +568,6 @@ def stoppable(machine: Machine, plan: Callable[[float], M], leaves_by_m: Callabl
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     plan : callable
         Of a share of its speed, to the motion.
     leaves_by_m : callable
@@ -605,7 +593,6 @@ def strokes_leave_by_m(machine: Machine, path: Trajectory, enough_m: float = mat
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     path : Trajectory
         Setpoints, m of the carriage.
     enough_m : float, m
@@ -620,7 +607,6 @@ def stroke_ends(machine: Machine) -> tuple[float, float]:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     """
     low, high = machine.envelope().window_m
     margin = max(stroke_share(machine.drive.capabilities), machine.free_share) * (high - low)
@@ -633,13 +619,17 @@ def stroke_share(capabilities: Capabilities) -> float:
     Parameters
     ----------
     capabilities : Capabilities
-        Of the drive.
     """
     return DRIFT_SHARE if stroking(capabilities) == "velocity" else OVERSHOOT_SHARE
 
 
 def farther_end_m(machine: Machine) -> float:
-    """Last turning point of strokes from here, m: of the two ends the farther one."""
+    """Last turning point of strokes from here, m: of the two ends the farther one.
+
+    Parameters
+    ----------
+    machine : Machine
+    """
     low, high = stroke_ends(machine)
     return high if high - machine.position_m > machine.position_m - low else low
 
@@ -650,9 +640,7 @@ def room_to_sweep(machine: Machine, model: Model, speeds_m_s: Sequence[float]) -
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     model : Model
-        Of the axis.
     speeds_m_s : sequence of float
         Instead of the usual seven.
     """
@@ -668,9 +656,7 @@ def sweep(machine: Machine, model: Model, speeds_m_s: Sequence[float] = (), long
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     model : Model
-        Of the axis.
     speeds_m_s : sequence of float
         Instead of the usual seven.
     longest_s : float, s
@@ -692,39 +678,8 @@ def sweep_is_sure(machine: Machine, model: Model) -> bool:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     model : Model
-        Of the axis.
     """
     near, far = stroke_ends(machine)
     path = sweep_strokes(near, far, gentle_limits(machine, model, np.inf), machine.drive.capabilities.sample_period_s, "once").trajectory
     return not strokes_leave_by_m(machine, path, 0.0)
-
-
-def short_strokes(machine: Machine, model: Model, way_m: float, share: float, top_m_s: float, plateau_s: float) -> Strokes:
-    """A stroke forth and back from where the carriage stands towards the farther end, at a share of the fastest speed for that way.
-
-    Parameters
-    ----------
-    machine : Machine
-        The axis behind its drive.
-    model : Model
-        Of the axis.
-    way_m : float, m
-        Forth, at most.
-    share : float
-        Of the fastest speed for that way.
-    top_m_s : float, m/s
-        Fastest speed.
-    plateau_s : float, s
-        At that speed.
-    """
-    at, limits, period = machine.position_m, gentle_limits(machine, model, np.inf), machine.drive.capabilities.sample_period_s
-    far = farther_end_m(machine)
-    end = at + math.copysign(min(way_m, abs(far - at)), far - at)
-
-    def plan(slower: float) -> Strokes:
-        fastest = min(top_m_s, fastest_stroke_m_s(limits.slower(slower), abs(end - at), plateau_s))
-        return sweep_strokes(at, end, limits.slower(slower), period, "once", [share * fastest], longest_s=plateau_s)
-
-    return stoppable(machine, plan, partial(strokes_leave_by_m, machine))

@@ -35,6 +35,7 @@ from beltcomm.language import told, tr
 from beltcomm.machine import creep
 from beltcomm.machine.heat import HeatPlan, Thermal, heat_plan, path_rms_nm
 from beltcomm.model import Model
+from beltcomm.quantities import three_digits
 from beltcomm.result import Row, plain, table
 from beltcomm.schedule import record_schedule
 from beltcomm.schedule.record_schedule import Extent
@@ -173,7 +174,7 @@ class Plan:
         share = f", motor heat {100.0 * self.heat.continuous:.0f} % of continuous" if self.heat else ""
         return (
             f"{len(self.experiments)} experiments in up to {self.seconds:.0f} s, with stops up to {1e3 * most['reach_m']:.0f} mm, "
-            f"{most['speed_m_s']:.3g} m/s, {most['torque_nm']:.3g} N m, {most['belt_force_n']:.0f} N{share}"
+            f"{most['speed_m_s']:.3g} m/s, {most['torque_nm']:.3g} N m, {three_digits(most['belt_force_n'])} N{share}"
         )
 
     def lines(self) -> list[str]:
@@ -187,7 +188,7 @@ class Plan:
                 f"{1e3 * e.reach_m:.0f} mm",
                 f"{e.speed_m_s:.2f} m/s",
                 f"{e.torque_nm:.2f} N m",
-                f"{e.belt_force_n:.0f} N",
+                f"{three_digits(e.belt_force_n)} N",
                 f"{e.seconds:.0f} s",
                 *([f"{100.0 * thermal.share(e.heating_nm):.0f} %"] if thermal else []),
             ]
@@ -206,7 +207,7 @@ class Plan:
         most = {name: max(getattr(e, name) for e in self.experiments) for name in ("speed_m_s", "torque_nm", "belt_force_n")}
         bounds = (
             ("how fast", f"up to {most['speed_m_s']:.3g} m/s"),
-            ("how hard", f"up to {most['torque_nm']:.3g} N m at the motor and {most['belt_force_n']:.0f} N in the belt"),
+            ("how hard", f"up to {most['torque_nm']:.3g} N m at the motor and {three_digits(most['belt_force_n'])} N in the belt"),
             ("how long", f"up to {self.seconds:.0f} s" + ("; what does not fit is left out and named" if self.over_budget else "")),
         )
         return point_rows([*self.points[:HOW_FAR], *bounds, *self.points[HOW_FAR:]])
@@ -224,9 +225,7 @@ def identify_plan(
     Parameters
     ----------
     axis : Axis
-        As its file states it.
     capabilities : Capabilities
-        Of the drive.
     window_m : tuple of float or None
         To be kept, from where it stands.
     asked : AskedExcitation
@@ -253,9 +252,7 @@ def commission_plan(axis: Axis, capabilities: Capabilities, extent: Extent = "st
     Parameters
     ----------
     axis : Axis
-        Data sheets.
     capabilities : Capabilities
-        Of the drive.
     extent : Extent
         Of the records.
 
@@ -302,9 +299,7 @@ def with_homing(plan: Plan, axis: Axis, capabilities: Capabilities) -> Plan:
     plan : Plan
         Of what follows.
     axis : Axis
-        Data sheets.
     capabilities : Capabilities
-        Of the drive.
 
     Returns
     -------
@@ -330,9 +325,7 @@ def friction_plan(axis: Axis, capabilities: Capabilities) -> Plan:
     Parameters
     ----------
     axis : Axis
-        Data sheets.
     capabilities : Capabilities
-        Of the drive.
     """
     kinds = capabilities.kinds
     seconds = SWEEP_SECONDS + MOVE_SECONDS + sign_seconds(axis, kinds) + own_strokes.longest_sweep_s(axis, capabilities)
@@ -406,9 +399,7 @@ def verification_plan(
     Parameters
     ----------
     axis : Axis
-        As its file states it.
     model : Model
-        Of the axis.
     path : Trajectory
         Of the carriage.
     braking : Braking

@@ -14,6 +14,7 @@ from beltcomm.experiments.bounds import peak_torque_nm
 from beltcomm.experiments.plan import Plan
 from beltcomm.language import tr
 from beltcomm.machine import gravity
+from beltcomm.quantities import three_digits
 from beltcomm.result import Line, bar
 
 #: Columns and lines of a screen; lines that what is said of a plan takes at most; rows of its table of records.
@@ -32,9 +33,7 @@ def plan_screen(plan: Plan, axis: Axis, capabilities: Capabilities) -> list[Line
     plan : Plan
         To be agreed to.
     axis : Axis
-        Data sheets.
     capabilities : Capabilities
-        Of the drive.
 
     Returns
     -------
@@ -68,16 +67,18 @@ def _bounds(plan: Plan, axis: Axis, capabilities: Capabilities) -> list[Line]:
     keys = ("reach_m", "speed_m_s", "torque_nm", "belt_force_n")
     most = {key: max((getattr(e, key) for e in plan.experiments), default=0.0) for key in keys}
     peak = peak_torque_nm(axis, capabilities)
+    # two limits may bound a belt's force: the data sheet's feed force, and what its pulley's torque makes of it
+    by_pulley = axis.limits.pulley_torque_nm is not None and axis.belt_force_limit_n != axis.limits.feed_force_n
     rows = [Line("   ", (f"{tr('range'):<13}", "title"), _range(plan, axis, most["reach_m"]))]
     for label, value, limit, unit, of in (
         (tr("speed"), most["speed_m_s"], axis.limits.speed_m_s or math.nan, "m/s", tr("axis limit")),
         (tr("motor torque"), most["torque_nm"], peak, "N m", tr("peak")),
-        (tr("belt force"), most["belt_force_n"], axis.belt_force_limit_n, "N", tr("axis limit")),
+        (tr("belt force"), most["belt_force_n"], axis.belt_force_limit_n, "N", tr("pulley limit") if by_pulley else tr("axis limit")),
     ):
         share = value / limit if limit > 0.0 else math.nan
-        told = f"{of} {limit:.3g} {unit}" if math.isfinite(limit) else tr("limit not known")
+        told = f"{of} {three_digits(limit)} {unit}" if math.isfinite(limit) else tr("limit not known")
         style = "note" if share >= NEAR else "bar"
-        upto = f"{tr('up to')} {value:.3g} {unit}"
+        upto = f"{tr('up to')} {three_digits(value)} {unit}"
         rows.append(Line("   ", (f"{label:<13}", "title"), upto.ljust(20), told.ljust(24), (bar(share), style)))
     rows.append(_heat(plan))
     whole = sum(round(one.seconds) for one in plan.experiments)  # what the entries below add up to
@@ -161,7 +162,7 @@ def _stops(plan: Plan) -> list[Line]:
         told = (
             tr("bus or PC lost in a move: up to {force:.0f} N for milliseconds, until it stands", force=lost)
             if stop is None
-            else tr("belt, briefly: a stop up to {stop:.0f} N beside friction, bus or PC lost {force:.0f} N", stop=stop, force=lost)
+            else tr("belt, for milliseconds: stop {stop:.0f} N + friction, bus or PC lost {force:.0f} N", stop=stop, force=lost)
         )
         rows.append(Line("  ", told))
     return [*rows, Line("  ", plan.written())]

@@ -45,9 +45,7 @@ def commission_points(axis: Axis, capabilities: Capabilities, lightest_kg: float
     Parameters
     ----------
     axis : Axis
-        As its file states it.
     capabilities : Capabilities
-        Of the drive.
     lightest_kg : float
         Carriage of the plan's speeds.
     heaviest : tuple of float
@@ -67,7 +65,7 @@ def commission_points(axis: Axis, capabilities: Capabilities, lightest_kg: float
             f"{heaviest[0]:g} kg its strokes and fast moves reach {heaviest[1]:.2g} m/s",
         ),
         *_stops(axis, capabilities),
-        *gain_points(capabilities),
+        *_gain_points(capabilities),
     )
 
 
@@ -77,9 +75,7 @@ def identify_points(axis: Axis, capabilities: Capabilities, window_m: tuple[floa
     Parameters
     ----------
     axis : Axis
-        As its file states it.
     capabilities : Capabilities
-        Of the drive.
     window_m : tuple of float or None
         To be kept, from where it stands.
     """
@@ -112,16 +108,14 @@ def host_loss(axis: Axis, capabilities: Capabilities) -> tuple[float, float]:
     Parameters
     ----------
     axis : Axis
-        Data sheets.
     capabilities : Capabilities
-        Of the drive.
     """
     top = (creep.HELD_SHARE if axis.mounting.tilted else creep.BREAKAWAY_SHARE) * min(axis.torque_limit_nm, capabilities.peak_torque_nm)
     guard_s = guard_times_s(capabilities)[0]
     return guard_s, creep.run_on_m(axis, top, guard_s + capabilities.sample_period_s)
 
 
-def gain_points(capabilities: Capabilities) -> tuple[Point, ...]:
+def _gain_points(capabilities: Capabilities) -> tuple[Point, ...]:
     """Parameters written in the whole job, by what can be done with the gains of this drive."""
     if capabilities.gains == "unknown":
         return (

@@ -71,11 +71,8 @@ def verify_move(
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     model : Model
-        Of the axis.
     cascade : Cascade
-        The controller.
     delay_s : float, s
         Of the torque path.
     trajectory : Trajectory
@@ -115,7 +112,7 @@ def verify_move(
 
     path = predict(model)
     _check_path(machine, path)
-    _check_lead(machine, sent, path)
+    _check_lead(sent, path)
     _check_along(machine, sent)
     _check_belt(machine, model, path, trajectory)
     lag = allowed_lag_m(model, predict, room_beyond_m(machine.envelope().window_m, trajectory.position_m))
@@ -170,7 +167,6 @@ def learn_gains(
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     model : Model
         For which it is predicted.
     cascade : Cascade
@@ -224,7 +220,7 @@ def _check_along(machine: Machine, sent: Sent) -> None:
         )
 
 
-def _check_lead(machine: Machine, sent: Sent, path: PredictedMove) -> None:
+def _check_lead(sent: Sent, path: PredictedMove) -> None:
     """Raise Refused when a led reference reaches a bound of the drive: then the axis does not follow it."""
     if sent.reference is not None and path.saturated:
         raise Refused(
@@ -255,8 +251,9 @@ def _check_belt(machine: Machine, model: Model, path: PredictedMove, trajectory:
     limit = _swinging_limit_n(machine, model, trajectory)
     if path.belt_force_n > limit:
         raise Refused(
-            f"the move is refused: the belt is predicted to carry {path.belt_force_n:.1f} N as it swings, limit {limit:.1f} N (feed force, "
-            f"friction of the carriage and {100 * (BELT_BEYOND - 1):.0f} % of swing); stretch the move by {path.belt_force_n / limit:.2f}"
+            f"the move is refused: the belt is predicted to carry {path.belt_force_n:.1f} N as it swings, limit {limit:.1f} N "
+            f"({BELT_BEYOND:g} times its {machine.axis.belt_force_limit_n:.3g} N and the carriage's friction); stretch the move "
+            f"by {path.belt_force_n / limit:.2f}"
         )
 
 
@@ -286,9 +283,10 @@ def _check_stops(machine: Machine, stops: StopsOutOfMove, limit_n: float, agreed
             f"stretch the move by {math.sqrt(stop.belt_force_n / limit):.2f}, or design other gains"
         )
     limit = max(host_loss_limit_n(machine.axis), agreed_n)
+    of = f" ({HOST_LOSS_BEYOND:g} times its {machine.axis.belt_force_limit_n:.3g} N)" if limit > agreed_n else ""
     if lost.belt_force_n > limit and not machine.over_belt:
         raise Refused(
             f"the move is refused: should the PC or the bus be lost in it, the belt is predicted to carry {lost.belt_force_n:.0f} N until "
-            f"the drive has stopped, limit {limit:.0f} N ({HOST_LOSS_BEYOND:g} times limits.feed_force_n); stretch the "
-            f"move by {math.sqrt(lost.belt_force_n / limit):.2f}"
+            f"the drive has stopped, limit {limit:.0f} N{of}; stretch the move "
+            f"by {math.sqrt(lost.belt_force_n / limit):.2f}"
         )

@@ -24,6 +24,7 @@ from beltcomm.identify.amplitude import (
 from beltcomm.machine import exciting, gravity, host_loss, scale, stops
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
+from beltcomm.quantities import three_digits
 from beltcomm.recording import Recording
 from beltcomm.rundata.first_motions import Breakaway, Excited
 from beltcomm.schedule.sequences import shapes_at, short_sequence
@@ -44,7 +45,6 @@ def unknown_axis(machine: Machine, breakaway: Breakaway, masses_kg: Sequence[flo
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     breakaway : Breakaway
         With its Coulomb friction.
     masses_kg : sequence of float, kg
@@ -84,7 +84,6 @@ def raise_amplitude(
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     breakaway : Breakaway
         With its Coulomb friction.
     masses_kg : sequence of float
@@ -140,7 +139,7 @@ def raise_amplitude(
                     f"{_remedy(machine, following.step, breakaway)}"
                 ) from None
             continue
-        step = as_made(following.step, recordings[-1]) if kept else following.step
+        step = _as_made(following.step, recordings[-1]) if kept else following.step
         if len(recordings) < MOST_STEPS and not moves_enough(recordings[-1], sheet, counts):
             family = not_ruled_out(family, recordings[-1], machine.ratio, following.at_m)
             if step.binds == "step":  # an axis without Coulomb friction breaks away long before it moves visibly
@@ -151,7 +150,7 @@ def raise_amplitude(
                 continue
         with machine.withdrawing():
             first = first_path(recordings[-1], known, counts)
-        model = believable(first.model, sheet, unknown_loads_kg(machine.axis)[0])
+        model = _believable(first.model, sheet, unknown_loads_kg(machine.axis)[0])
         machine.folder.journal(
             f"amplitude {step.amplitude_nm:.3f} N m ({step.binds}): mass {model['cart.mass']:.2f} kg"
             + ("" if model.rigid else f", stiffness {model['belt_stiffness.stiffness']:.4g} N/m")
@@ -192,7 +191,7 @@ def _record_of_step(machine: Machine, name: str, wanted: _Next, kept: bool) -> R
     if not kept:
         machine.detail(
             f"excitation ±{step.amplitude_nm:.3f} N m: up to {1e3 * step.prediction.travel_m:.1f} mm, "
-            f"{step.prediction.belt_force_n:.0f} N in the belt (limited by {step.binds}); stopping distance at most "
+            f"{three_digits(step.prediction.belt_force_n)} N in the belt (limited by {step.binds}); stopping distance at most "
             f"{1e3 * step.prediction.stop_m:.1f} mm; {exciting.run_on_words(machine, step.prediction, wanted.limits.ends_m)}"
         )
     excitation = short_sequence(wanted.order, wanted.clock, step.amplitude_nm, own.sample_period_s, own.torque_step_nm)
@@ -215,7 +214,7 @@ def _bound(response: Callable[[Model, float], AmplitudeStep], model: Model, at_m
         return False
 
 
-def as_made(step: AmplitudeStep, recording: Recording) -> AmplitudeStep:
+def _as_made(step: AmplitudeStep, recording: Recording) -> AmplitudeStep:
     """A step as a kept record was made: with the amplitude that its sidecar notes, which was bound by the steps where more is allowed now.
 
     Judged by today's step, a record that hardly moved would pass for one as loud as the limits allow.
@@ -227,7 +226,7 @@ def as_made(step: AmplitudeStep, recording: Recording) -> AmplitudeStep:
     return replace(step, amplitude_nm=own_nm, binds="step" if own_nm < KEPT_SHARE * step.amplitude_nm else step.binds)
 
 
-def believable(model: Model, sheet: Model, mass: float) -> Model:
+def _believable(model: Model, sheet: Model, mass: float) -> Model:
     """A first estimate within what can be: a gap or a lag drives it to a feather on a rod, and no prediction may count on that.
 
     Parameters

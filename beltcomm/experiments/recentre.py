@@ -27,7 +27,6 @@ def may_not_excite(machine: Machine) -> bool:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     """
     return machine.wanderings >= MOST_STOPS
 
@@ -40,7 +39,6 @@ def stands_after(machine: Machine, problem: BeltcommError) -> bool:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     problem : BeltcommError
         That ended the record.
     """
@@ -60,7 +58,6 @@ def stands(machine: Machine) -> bool:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     """
     low, high = machine.envelope().window_m
     at = machine.position_m
@@ -79,7 +76,6 @@ def lags_behind(machine: Machine, kind: str, problem: SafetyStop) -> bool:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     kind : str
         Of the step.
     problem : SafetyStop
@@ -96,7 +92,6 @@ def bring_back(machine: Machine, model: Model, step: Step, problem: SafetyStop) 
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     model : Model
         Of the loop in the drive.
     step : Step

@@ -47,34 +47,33 @@ def record_showing(step: Step, before: Before) -> str:
     Parameters
     ----------
     step : Step
-        Of a record schedule.
     before : Before
         Records there are, and how they were made.
     """
-    return next((r.name for r in before.recordings if shows(r, step, before)), "")
+    return next((r.name for r in before.recordings if _shows(r, step, before)), "")
 
 
-def shows(recording: Recording, step: Step, before: Before) -> bool:
+def _shows(recording: Recording, step: Step, before: Before) -> bool:
     """True if one record has the step's kind, place, size and length.  A longer one would tell more, so a shorter does not count."""
     sidecar = recording.sidecar
     if (
         sidecar.experiment != EXPERIMENT[step.kind]
         or sidecar.held_out != step.held_out
-        or (step.here and not is_there(recording, step, before))
+        or (step.here and not _is_there(recording, step, before))
     ):
         return False
     if step.kind == "response":
-        return excitation_suffices(recording, step, before)
+        return _excitation_suffices(recording, step, before)
     if step.kind == "reversals":
         return abs(before.ratio) * float(np.ptp(recording.position)) <= 2.0 * ROUNDED * max(step.amplitudes_m)
     if step.kind == "moves":
-        return moves_suffice(recording, step, before)
-    if step.kind == "sweep" and not goes_across(recording, before):
+        return _moves_suffice(recording, step, before)
+    if step.kind == "sweep" and not _goes_across(recording, before):
         return False
-    return is_later(recording, before) if step.again else has_speeds(recording, step, before)
+    return _is_later(recording, before) if step.again else _has_speeds(recording, step, before)
 
 
-def is_there(recording: Recording, step: Step, before: Before) -> bool:
+def _is_there(recording: Recording, step: Step, before: Before) -> bool:
     """True if a record stays around the place of a step: strokes begin beside theirs, a sweep only passes."""
     start_m = recording.sidecar.start_position_m
     if start_m is None:
@@ -84,36 +83,36 @@ def is_there(recording: Recording, step: Step, before: Before) -> bool:
     return float(np.ptp(way_m)) < 2.0 * ROUNDED * AROUND_M and abs(at_m - step.at_m(before.window_m)) < SAME_PLACE_M
 
 
-def goes_across(recording: Recording, before: Before) -> bool:
+def _goes_across(recording: Recording, before: Before) -> bool:
     """True if strokes are a sweep, and not around one place."""
     return abs(before.ratio) * float(np.ptp(recording.position)) > ACROSS * (before.window_m[1] - before.window_m[0])
 
 
-def is_later(recording: Recording, before: Before) -> bool:
+def _is_later(recording: Recording, before: Before) -> bool:
     """True if strokes came ``LATER_S`` after the first ones, as for what warms up."""
     when = [r.sidecar.session_time_s or 0.0 for r in before.recordings if r.sidecar.experiment == "friction_sweep"]
     return (recording.sidecar.session_time_s or 0.0) - min(when) > LATER_S
 
 
-def moves_suffice(recording: Recording, step: Step, before: Before) -> bool:
+def _moves_suffice(recording: Recording, step: Step, before: Before) -> bool:
     """True if moves go on as long as the step asks for; of fast ones, whether they are as hard, the run's hardest being all it may do."""
     if step.seconds:
-        return bool(recording.t_s[-1] - recording.t_s[0] >= REACHED * step.seconds)
+        return recording.duration_s >= REACHED * step.seconds
     moves = [r for r in before.recordings if r.sidecar.experiment == EXPERIMENT["moves"] and not r.sidecar.held_out]
-    hardest, own = max(hardest_rad_s2(r) for r in moves), hardest_rad_s2(recording)
+    hardest, own = max(_hardest_rad_s2(r) for r in moves), _hardest_rad_s2(recording)
     return own > 0.0 and REACHED <= own / (step.share * hardest) <= 1.0 / REACHED
 
 
-def excitation_suffices(recording: Recording, step: Step, before: Before) -> bool:
+def _excitation_suffices(recording: Recording, step: Step, before: Before) -> bool:
     """True if an excitation is as loud or as quiet, as long and as wide as the step asks for."""
-    if recording.t_s[-1] - recording.t_s[0] < REACHED * (step.seconds or RESPONSE_S) or band_hz(recording) < REACHED * step.up_to_hz:
+    if recording.duration_s < REACHED * (step.seconds or RESPONSE_S) or _band_hz(recording) < REACHED * step.up_to_hz:
         return False
     excited = [r for r in before.recordings if r.sidecar.experiment == "frf" and not r.sidecar.held_out]
-    loudest, own = max(largest_nm(r) for r in excited), largest_nm(recording)
+    loudest, own = max(_largest_nm(r) for r in excited), _largest_nm(recording)
     return own >= REACHED * loudest if step.share >= LOUD else own <= ROUNDED * quieter(loudest, before.friction_nm, step.share)
 
 
-def has_speeds(recording: Recording, step: Step, before: Before) -> bool:
+def _has_speeds(recording: Recording, step: Step, before: Before) -> bool:
     """True if strokes are as slow and as fast as the step asks for; of a sweep without speeds any will do."""
     if not step.speeds_m_s:
         return True
@@ -126,20 +125,20 @@ def has_speeds(recording: Recording, step: Step, before: Before) -> bool:
     )
 
 
-def largest_nm(recording: Recording) -> float:
+def _largest_nm(recording: Recording) -> float:
     """Amplitude of an excitation, N m, without what holds the axis."""
     note = recording.sidecar.excitation
     known = note.amplitude_nm if note is not None else None
     return known if known is not None else float(np.max(np.abs(recording.torque)))
 
 
-def hardest_rad_s2(recording: Recording) -> float:
+def _hardest_rad_s2(recording: Recording) -> float:
     """Largest acceleration that was asked for, rad/s² at the motor; 0 where no speed was."""
     speed = recording.reference_velocity
     return 0.0 if speed is None else float(np.max(np.abs(np.gradient(speed, recording.t_s))))
 
 
-def band_hz(recording: Recording) -> float:
+def _band_hz(recording: Recording) -> float:
     """Hz below which ``IN_BAND`` of the torque's power lies."""
     torque = recording.torque - np.mean(recording.torque)
     power = np.cumsum(np.abs(np.fft.rfft(torque)) ** 2)

@@ -30,7 +30,6 @@ def reference(machine: Machine, settings: Settings, *, needed: bool = True) -> t
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     settings : Settings
         Place, window and homing that were asked for.
     needed : bool
@@ -82,7 +81,6 @@ def home(machine: Machine) -> None:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     """
     begun = machine.drive.clock.now()
     machine.drive.home(machine.drive_limits(machine.envelope()))
@@ -122,7 +120,6 @@ def require_inside(axis: Axis, position_m: float | None) -> None:
     Parameters
     ----------
     axis : Axis
-        As its file states it.
     position_m : float or None, m
         As the operator says; None is not checked.
 
@@ -142,7 +139,6 @@ def slow_payload(axis: Axis, mass_kg: float, payload_kg: float | None) -> str | 
     Parameters
     ----------
     axis : Axis
-        As its file states it.
     mass_kg : float
         Of the carriage as it is.
     payload_kg : float or None, kg
@@ -187,7 +183,6 @@ def suitable(axis: Axis) -> None:
     Parameters
     ----------
     axis : Axis
-        As its file states it.
 
     Raises
     ------
@@ -206,7 +201,6 @@ def same_tilt(axis: Axis, model: Model) -> None:
     Parameters
     ----------
     axis : Axis
-        As its file states it.
     model : Model
         The plant.
 

@@ -81,7 +81,12 @@ class Bounds:
     belt_force_n: float
 
     def broken(self, played: RehearsedRecord) -> list[str]:
-        """The limits that a record leaves, in words."""
+        """The limits that a record leaves, in words.
+
+        Parameters
+        ----------
+        played : RehearsedRecord
+        """
         pairs = (
             ("speed", played.speed_m_s, self.speed_m_s, "m/s"),
             ("torque", played.torque_nm, self.torque_nm, "N m"),
@@ -161,11 +166,8 @@ def rehearse(machine: Machine, options: Options, talk: Talk, job: Job, goes_on: 
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     options : Options
-        Settings of the session.
     talk : Talk
-        Hears progress and answers questions.
     job : Job
         As it will run on the drive.
     goes_on : bool
@@ -178,7 +180,7 @@ def rehearse(machine: Machine, options: Options, talk: Talk, job: Job, goes_on: 
     """
     talk.say("The plan is played on a twin first; nothing moves yet.")
     axis, folder = machine.axis, machine.folder
-    model, what = twin_of(axis, folder)
+    model, what = _twin_of(axis, folder)
     place = machine.position_m if machine.place_known else axis.travel.middle_m
     with tempfile.TemporaryDirectory(prefix="beltcomm-twin-") as made:
         file, run = Path(made) / "twin.yaml", Path(made) / "run"
@@ -193,9 +195,9 @@ def rehearse(machine: Machine, options: Options, talk: Talk, job: Job, goes_on: 
             ) from problem
         played = RunFolder.open(run)
         names = [name for name in played.finished_names() if name not in before]
-        records = tuple(play_record(played.recording(name), axis, place) for name in sorted(names, key=lambda n: _clock(played, n)))
+        records = tuple(_play_record(played.recording(name), axis, place) for name in sorted(names, key=lambda n: _clock(played, n)))
     whole = RehearsedRecord("everything, ways included", twin.low_m, twin.high_m, twin.fastest_m_s, twin.strongest_nm, twin.belt_n)
-    found = Rehearsal(what, records, whole, bounds_of(machine, model))
+    found = Rehearsal(what, records, whole, _bounds_of(machine, model))
     talk.say(*found.lines())
     folder.save("results", "rehearsal", {"twin": what, "records": plain(records), "whole": plain(whole), "limits": plain(found.bounds)})
     folder.journal(f"played on a twin: {len(records)} records, {len(found.broken())} limits left", "rehearsed")
@@ -204,7 +206,7 @@ def rehearse(machine: Machine, options: Options, talk: Talk, job: Job, goes_on: 
     return found
 
 
-def twin_of(axis: Axis, folder: RunFolder) -> tuple[Model, str]:
+def _twin_of(axis: Axis, folder: RunFolder) -> tuple[Model, str]:
     """The model behind the twin, and what it is in words."""
     if "final" in folder.names("models"):
         return offline.trusted_revision(folder)[0], "the run's model"
@@ -218,7 +220,6 @@ def sheet_twin(axis: Axis) -> tuple[Model, str]:
     Parameters
     ----------
     axis : Axis
-        Data sheets.
 
     Returns
     -------
@@ -233,7 +234,7 @@ def sheet_twin(axis: Axis) -> tuple[Model, str]:
     return model, f"a carriage of {model['cart.mass']:.3g} kg, {1e3 * total_friction(model):.0f} mN m of friction"
 
 
-def play_record(recording: Recording, axis: Axis, otherwise_m: float) -> RehearsedRecord:
+def _play_record(recording: Recording, axis: Axis, otherwise_m: float) -> RehearsedRecord:
     """Largest values of a record of the twin; the belt's force as the motor shows it,  F = (τ - Θ_e φ̈)/i_t,  mean of ``BELT_ROWS`` rows."""
     ratio, inertia = axis.transmission_m_rad, axis.motor_side_inertia_kg_m2
     begun = otherwise_m if recording.sidecar.start_position_m is None else recording.sidecar.start_position_m
@@ -253,7 +254,7 @@ def play_record(recording: Recording, axis: Axis, otherwise_m: float) -> Rehears
     )
 
 
-def bounds_of(machine: Machine, model: Model) -> Bounds:
+def _bounds_of(machine: Machine, model: Model) -> Bounds:
     """Limits at which the real axis is stopped."""
     envelope, axis = machine.envelope(), machine.axis
     low, high = envelope.window_m if machine.place_known else (-math.inf, math.inf)

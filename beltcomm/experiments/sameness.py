@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, rms
 from beltcomm.drive import Row
 from beltcomm.errors import Refused, SafetyStop
 from beltcomm.excitation import Excitation
@@ -32,7 +32,6 @@ def check_breakaway(machine: Machine, coulomb_nm: float) -> None:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     coulomb_nm : float, N m, motor shaft
         As measured now.
 
@@ -56,7 +55,6 @@ def repeat_first_excitation(machine: Machine, breakaway: Breakaway, masses_kg: S
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     breakaway : Breakaway
         With its Coulomb friction.
     masses_kg : sequence of float, kg
@@ -95,7 +93,7 @@ def repeat_first_excitation(machine: Machine, breakaway: Breakaway, masses_kg: S
     except SafetyStop as stop:
         raise SafetyStop(f"{stop}; this happened while the first excitation of the run was repeated: {ADVICE}", stop.reason) from stop
     t_s, position_rad = np.array(rows).T
-    now, then = (float(np.sqrt(np.mean(v**2))) for v in (_speed(t_s, position_rad), before))
+    now, then = (rms(v) for v in (_speed(t_s, position_rad), before))
     _refuse_beyond(machine, "the motor's speed under the same torque", now, then, "rad/s rms")
 
 

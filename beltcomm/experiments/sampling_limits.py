@@ -25,12 +25,12 @@ _ELSE = "it comes from rows below it and from the data sheets, with wider interv
 _RESONANCE, _INERTIA = "the resonance at", "the motor side shows"
 
 
-def claimed_hz(period_s: float) -> float:
+def _claimed_hz(period_s: float) -> float:
     """Highest frequency that records with this sampling period can claim."""
     return CLAIMED_SHARE / period_s
 
 
-def expected_hz(axis: Axis) -> tuple[float, float] | None:
+def _expected_hz(axis: Axis) -> tuple[float, float] | None:
     """Lowest and highest resonance by the data sheets, over travel and payloads; None where they do not say enough."""
     if axis.rigid:
         return None
@@ -47,9 +47,9 @@ def expected_hz(axis: Axis) -> tuple[float, float] | None:
     return min(found), max(found)
 
 
-def hidden_resonance(axis: Axis, capabilities: Capabilities) -> str:
+def _hidden_resonance(axis: Axis, capabilities: Capabilities) -> str:
     """Sentence on a resonance that by the data sheets no response shows; "" for none."""
-    top, expected = claimed_hz(capabilities.sample_period_s), expected_hz(axis)
+    top, expected = _claimed_hz(capabilities.sample_period_s), _expected_hz(axis)
     if expected is None or expected[1] <= top:
         return ""
     low, high = expected
@@ -67,12 +67,10 @@ def doubts_before(axis: Axis, capabilities: Capabilities) -> tuple[str, ...]:
     Parameters
     ----------
     axis : Axis
-        Data sheets.
     capabilities : Capabilities
-        Of the drive.
     """
     scale = f"{capabilities.torque_scale}." if capabilities.torque_scale else ""
-    return tuple(doubt for doubt in (hidden_resonance(axis, capabilities), scale) if doubt)
+    return tuple(doubt for doubt in (_hidden_resonance(axis, capabilities), scale) if doubt)
 
 
 def notes_before(axis: Axis, capabilities: Capabilities) -> tuple[str, ...]:
@@ -81,12 +79,10 @@ def notes_before(axis: Axis, capabilities: Capabilities) -> tuple[str, ...]:
     Parameters
     ----------
     axis : Axis
-        Data sheets.
     capabilities : Capabilities
-        Of the drive.
     """
     how = capabilities.exchange or f"A SYNC every {1e3 * capabilities.sample_period_s:g} ms"
-    notes = [f"{how}: resonances up to {claimed_hz(capabilities.sample_period_s):.0f} Hz can be measured."]
+    notes = [f"{how}: resonances up to {_claimed_hz(capabilities.sample_period_s):.0f} Hz can be measured."]
     if capabilities.sample_period_s > SELDOM_S:
         notes.append(
             f"So seldom, the carriage is shaken slowly, by up to {1e3 * excitation_travel_m(capabilities.sample_period_s):.0f} mm "
@@ -95,7 +91,7 @@ def notes_before(axis: Axis, capabilities: Capabilities) -> tuple[str, ...]:
     return (*notes, *doubts_before(axis, capabilities))
 
 
-def remark_after(resonance_hz: float, capabilities: Capabilities, *, told: bool = False) -> str | None:
+def _remark_after(resonance_hz: float, capabilities: Capabilities, *, told: bool = False) -> str | None:
     """In words, that the resonance found is beyond what the records can claim; None when it is not.
 
     Parameters
@@ -103,7 +99,7 @@ def remark_after(resonance_hz: float, capabilities: Capabilities, *, told: bool 
     told : bool
         It is known well.
     """
-    top = claimed_hz(capabilities.sample_period_s)
+    top = _claimed_hz(capabilities.sample_period_s)
     if not (math.isfinite(resonance_hz) and resonance_hz > top):
         return None
     if told:
@@ -123,7 +119,7 @@ def _remedy(capabilities: Capabilities) -> str:
     return f"Sample faster with --sample-period, or on a drive with a shorter SYNC; else {_ELSE}"
 
 
-def torque_remark(model: Model, axis: Axis, capabilities: Capabilities) -> str | None:
+def _torque_remark(model: Model, axis: Axis, capabilities: Capabilities) -> str | None:
     """In words, whether the unit of torque is right: the inertia of the motor side, as identified, over that of the data sheets.
 
     J_found / J_sheet  is the factor by which the drive reports every torque too large.   None where nothing is in doubt or to be seen.
@@ -153,16 +149,13 @@ def note_after(remarks: list[str], model: Model, axis: Axis, capabilities: Capab
     remarks : list of str
         Gets further ones.
     model : Model
-        Of the axis.
     axis : Axis
-        As its file states it.
     capabilities : Capabilities
-        Of the drive.
     at_m : float
         Where the carriage is.
     """
     remarks[:] = [one for one in remarks if not one.startswith((_RESONANCE, _INERTIA))]
     stiffness = model.parameters.get("belt_stiffness.stiffness")
     told = stiffness is not None and stiffness.interval is not None and stiffness.interval < WELL_KNOWN * stiffness.value
-    resonance = None if model.rigid else remark_after(analyse.characteristic_hz(model, at_m)[1], capabilities, told=told)
-    remarks += [one for one in (resonance, torque_remark(model, axis, capabilities)) if one is not None]
+    resonance = None if model.rigid else _remark_after(analyse.characteristic_hz(model, at_m)[1], capabilities, told=told)
+    remarks += [one for one in (resonance, _torque_remark(model, axis, capabilities)) if one is not None]

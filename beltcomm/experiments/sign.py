@@ -17,7 +17,7 @@ _SECONDS = RAMP_S + 0.5
 _WORDS = f"creep some {1e3 * SIGN_TRAVEL_M:.0f} mm without a loop to check which way its encoder counts, then "
 
 
-def is_crept(axis: Axis, kinds: Collection[str] = ("torque",)) -> bool:
+def _is_crept(axis: Axis, kinds: Collection[str] = ("torque",)) -> bool:
     """True if :func:`check_sign` moves this axis with a drive that runs motions of these kinds.
 
     Without torque setpoints it cannot.  A tilted axis: its torque is felt for when it is identified, and a creep from zero torque would
@@ -32,7 +32,6 @@ def sign_words(axis: Axis, kinds: Collection[str] = ("torque",)) -> str:
     Parameters
     ----------
     axis : Axis
-        As its file states it.
     kinds : collection of str
         Of setpoint that the drive takes.
 
@@ -41,7 +40,7 @@ def sign_words(axis: Axis, kinds: Collection[str] = ("torque",)) -> str:
     str
         "" where nothing is crept.
     """
-    return tr(_WORDS) if is_crept(axis, kinds) else ""
+    return tr(_WORDS) if _is_crept(axis, kinds) else ""
 
 
 def sign_seconds(axis: Axis, kinds: Collection[str] = ("torque",)) -> float:
@@ -54,18 +53,17 @@ def sign_seconds(axis: Axis, kinds: Collection[str] = ("torque",)) -> float:
     kinds : collection of str
         Of setpoint that the drive takes.
     """
-    return _SECONDS if is_crept(axis, kinds) else 0.0
+    return _SECONDS if _is_crept(axis, kinds) else 0.0
 
 
 def check_sign(machine: Machine) -> None:
     """Let the carriage creep a little towards the middle of its travel under slowly rising torque.
 
-    Nothing moves where :func:`is_crept` says so.
+    Nothing moves where :func:`_is_crept` says so.
 
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
 
     Raises
     ------
@@ -74,7 +72,7 @@ def check_sign(machine: Machine) -> None:
     UsageError
         Too near to an end, and as :func:`creep`.
     """
-    if not is_crept(machine.axis, machine.drive.capabilities.kinds):
+    if not _is_crept(machine.axis, machine.drive.capabilities.kinds):
         return
     at = room_to_creep(machine)
     low, high = machine.envelope().window_m

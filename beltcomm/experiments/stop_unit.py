@@ -85,7 +85,7 @@ class SlowStop:
         return self.speed_m_s / self.meant_m_s2
 
 
-def judge(stop: ObservedStop, speed_m_s: float, meant_m_s2: float, ratio: float, brake_s: float = 0.0, *, ends: bool = True) -> SlowStop:
+def _judge(stop: ObservedStop, speed_m_s: float, meant_m_s2: float, ratio: float, brake_s: float = 0.0, *, ends: bool = True) -> SlowStop:
     """Hold the course of a stop against the ramp that was meant.
 
     Parameters
@@ -132,12 +132,11 @@ def is_tried(capabilities: Capabilities) -> bool:
     Parameters
     ----------
     capabilities : Capabilities
-        Of the drive.
     """
     return bool(capabilities.stop_unit) and stroking(capabilities) != "profile"
 
 
-def ways_m(speed_m_s: float) -> tuple[float, float]:
+def _ways_m(speed_m_s: float) -> tuple[float, float]:
     """Way of a stroke whose stop is as meant, and of one whose stop has no end, m."""
     before = speed_m_s * (0.5 * RISE_S + STEADY_S)
     return before + 0.5 * RAMP_S * speed_m_s, before + (WATCHED_S + HELD_S) * speed_m_s + SPARE_M
@@ -149,35 +148,33 @@ def line(axis: Axis, capabilities: Capabilities, window_m: tuple[float, float] |
     Parameters
     ----------
     axis : Axis
-        Data sheets.
     capabilities : Capabilities
-        Of the drive.
     window_m : tuple of float or None, m
         To be kept, from where the carriage stands; None for the whole travel.
     """
     if not is_tried(capabilities):
         return ()
     widest = max(-window_m[0], window_m[1]) if window_m is not None else math.inf
-    way, reach = (min(one, widest) for one in ways_m(FASTEST_M_S))
+    way, reach = (min(one, widest) for one in _ways_m(FASTEST_M_S))
     torque, force = min(axis.torque_limit_nm, capabilities.peak_torque_nm), phases.BELT_SHARE * axis.belt_force_limit_n
     title, seconds = "slow stops: what 6085h counts in", 2.0 * (RISE_S + STEADY_S + WATCHED_S)
     return (Experiment(title, way, reach, FASTEST_M_S, torque, force, seconds, stroking_nm(axis, capabilities)),)
 
 
-def speed_m_s(machine: Machine, model: Model, forth: float) -> float:
+def _speed_m_s(machine: Machine, model: Model, forth: float) -> float:
     """Speed from which even a motor that stands at once leaves the belt within its force, and which has room that way, m/s."""
     at, (low, high) = machine.position_m, machine.envelope().window_m
     room = (high - at if forth > 0.0 else at - low) - phases.END_MARGIN_M - SLACK_M - SPARE_M
-    fits = (room - SPARE_M) / (ways_m(1.0)[1] - SPARE_M + LAG_S)
-    return min(FASTEST_M_S, fits, machine.envelope().speed_m_s / 4.0, borne_m_s(machine, model))
+    fits = (room - SPARE_M) / (_ways_m(1.0)[1] - SPARE_M + LAG_S)
+    return min(FASTEST_M_S, fits, machine.envelope().speed_m_s / 4.0, _borne_m_s(machine, model))
 
 
-def borne_m_s(machine: Machine, model: Model) -> float:
+def _borne_m_s(machine: Machine, model: Model) -> float:
     """Speed out of which a motor may stand at once, m/s; infinite where nothing gives way, for then no belt swings."""
     if model.rigid:
         return math.inf
     axis, at, (first, last) = machine.axis, machine.place_m(machine.position_m), machine.axis.travel.ends_m
-    around = ways_m(FASTEST_M_S)[1]
+    around = _ways_m(FASTEST_M_S)[1]
     places = (first, last) if at is None else (max(at - around, first), min(at + around, last))
     stiffest = max(model.get("belt_stiffness.stiffness"), *map(axis.belt_stiffness_n_m, places))
     left_n = phases.BELT_SHARE * machine.belt_left_n - model.get("cart_friction.level")
@@ -190,9 +187,7 @@ def ensure(machine: Machine, model: Model, *, again: bool = False) -> None:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     model : Model
-        Of the axis.
     again : bool
         They are tried again with a later loop where they tell nothing with this one.
 
@@ -237,7 +232,6 @@ def tell_untold(machine: Machine, why: str) -> None:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     why : str
         Behind the colon of the sentence.
     """
@@ -255,14 +249,14 @@ def _towards_room(machine: Machine) -> float:
 
 def _stroke(machine: Machine, model: Model, forth: float) -> SlowStop:
     """One stroke and its stop.   Raises SafetyStop, Refused as any motion."""
-    speed = speed_m_s(machine, model, forth)
+    speed = _speed_m_s(machine, model, forth)
     capabilities, period = machine.drive.capabilities, machine.drive.capabilities.sample_period_s
     counts = speed / machine.ratio * capabilities.counts_per_rev / math.tau * MEAN_S
     if speed < SLOWEST_M_S or counts < FEWEST_COUNTS:
         return SlowStop("untold", f"room, belt or encoder allow no more than {1e3 * speed:.2g} mm/s, too slow to tell a ramp")
     at = machine.position_m
     rising = TrajectoryLimits(jerk_m_s3=20.0 * speed / RISE_S, acceleration_m_s2=1.2 * speed / RISE_S, speed_m_s=speed)
-    way = ways_m(speed)[1]
+    way = _ways_m(speed)[1]
     path = plan_trajectory(at, at + forth * way, rising, period)
     motion, envelope = machine.follow(path, machine.stroking()), _envelope(machine, at, forth, speed)
     closed = foreseen(machine, motion)
@@ -298,17 +292,17 @@ def _stroke(machine: Machine, model: Model, forth: float) -> SlowStop:
     finally:
         machine.machine_seconds += machine.drive.clock.now() - begun
     stop: ObservedStop | None = getattr(machine.drive, "last_stop", None)
-    hold(machine, limits)
+    _hold(machine, limits)
     if not reached:
         return SlowStop("untold", f"the loop in the drive does not bring the carriage to {1e3 * speed:.2g} mm/s")
     if stop is None:
         return SlowStop("untold", "the course of the stop was not seen")
-    return judge(stop, reached[0], meant, machine.ratio, machine.brake_s, ends=_OPTION not in capabilities.not_taken)
+    return _judge(stop, reached[0], meant, machine.ratio, machine.brake_s, ends=_OPTION not in capabilities.not_taken)
 
 
 def _envelope(machine: Machine, at: float, forth: float, speed: float) -> Envelope:
     """Room of a stroke and of a stop that has no end, and the speed beyond which the host stops it."""
-    full, (_, reach) = machine.envelope(), ways_m(speed)
+    full, (_, reach) = machine.envelope(), _ways_m(speed)
     ends = sorted((at - forth * (SLACK_M + SPARE_M), at + forth * (reach + SLACK_M + LAG_S * speed)))
     window = max(ends[0], full.window_m[0]), min(ends[1], full.window_m[1])
     lag = SLACK_M + LAG_S * speed if machine.stroking() == "position" else None
@@ -335,7 +329,7 @@ def _meant_m_s2(machine: Machine, limits: Limits) -> float | None:
     return None if found is None else machine.ratio * found
 
 
-def hold(machine: Machine, limits: Limits) -> None:
+def _hold(machine: Machine, limits: Limits) -> None:
     """Stop a carriage that still glides after its stage was taken off: hold it where it is, which its speed allows."""
     before = machine.position_m
     machine.drive.clock.sleep_until(machine.drive.clock.now() + MEAN_S)

@@ -18,7 +18,7 @@ from beltcomm.errors import Refused
 from beltcomm.machine.closed_loop_watch import lent_torque_nm
 from beltcomm.machine.envelope import Envelope
 from beltcomm.machine.machine import Machine
-from beltcomm.machine.prediction_watch import SURPRISE
+from beltcomm.machine.prediction_watch import BELT_BEYOND, SURPRISE
 from beltcomm.model import Model
 from beltcomm.simulate.loop import SetpointGrid, close_loop
 from beltcomm.simulate.plant import SimulatedPlant
@@ -26,11 +26,11 @@ from beltcomm.simulate.stopping import NO_STOP, OFF_THE_MODEL, References, StopO
 from beltcomm.trajectory import Trajectory
 from beltcomm.verify import Loop, PredictedMove, TrackingError, predict_range
 
-#: By how much the belt's force may exceed its limit, for some milliseconds, when the host is lost in the move that commissioning chooses;
-#: one that somebody asks for is refused beyond the second.
+#: Belt force over its limit, for some milliseconds, when the host is lost: aim of the move that commissioning chooses, and the limit beyond
+#: which any is refused, which plan and refusals tell.
 HOST_LOSS_SWING, HOST_LOSS_BEYOND = 1.4, 1.5
-#: By how much the force of a belt that swings may exceed that of a rigid one in the move that commissioning chooses, and in the worst
-#: instant of a stop out of it: that hardly depends on how fast the move is.
+#: Belt force over its limit in the move that commissioning chooses, and in the worst instant of a stop out of it, which hardly depends on
+#: how fast the move is: aims; refused and told is ``BELT_BEYOND``.
 BELT_SWING, STOP_SWING = 1.05, 1.15
 #: Shares of its speed at which positioning is tried, and instants of it.
 POSITIONING_SHARES, POSITIONING_INSTANTS = (1.0, 0.85, 0.7, 0.55, 0.4, 0.3, 0.2), 24
@@ -73,7 +73,13 @@ class StopsOutOfMove:
         return self.asked_for | self.host_lost | self.completed
 
     def inside(self, window_m: tuple[float, float]) -> bool:
-        """True if neither the move nor a stop out of it leaves a window."""
+        """True if neither the move nor a stop out of it leaves a window.
+
+        Parameters
+        ----------
+        window_m : tuple[float, float]
+            Carriage, lowest and highest.
+        """
         return window_m[0] <= self.farthest.low_m and self.farthest.high_m <= window_m[1]
 
 
@@ -83,21 +89,18 @@ def host_loss_limit_n(axis: Axis) -> float:
     Parameters
     ----------
     axis : Axis
-        As its file states it.
     """
     return HOST_LOSS_BEYOND * axis.belt_force_limit_n
 
 
 def stop_limit_n(axis: Axis) -> float:
-    """Belt force of a stop that is asked for in a move that commissioning chooses, N, beside friction of the guide; infinite where nothing
-    limits it.
+    """Belt force that a stop out of a move may reach, N, beside friction of the guide; infinite where nothing limits it.
 
     Parameters
     ----------
     axis : Axis
-        As its file states it.
     """
-    return STOP_SWING * axis.belt_force_limit_n
+    return BELT_BEYOND * axis.belt_force_limit_n
 
 
 def allowed_lag_m(model: Model, predict: Callable[[Model, float], PredictedMove], room_m: float) -> float:
@@ -149,9 +152,7 @@ def belt_force_limit_n(machine: Machine, model: Model, speed_m_s: float, swing: 
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     model : Model
-        Of the axis.
     speed_m_s : float, m/s
         Largest of the move.
     swing : float
@@ -170,7 +171,6 @@ def positioning(
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     plan : callable
         Of a share of its speed, to the motion with its rest.
     within : callable
@@ -211,7 +211,6 @@ def leaves_by_m(machine: Machine, sent: Trajectory, envelope: Envelope, enough_m
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     sent : Trajectory
         Setpoints, m of the carriage.
     envelope : Envelope
@@ -235,11 +234,6 @@ def leaves_by_m(machine: Machine, sent: Trajectory, envelope: Envelope, enough_m
             if beyond > enough_m:
                 return beyond
     return beyond
-
-
-def stays_inside(machine: Machine, sent: Trajectory, envelope: Envelope) -> bool:
-    """True if :func:`leaves_by_m` is 0."""
-    return not leaves_by_m(machine, sent, envelope, 0.0)
 
 
 def _known_loop(machine: Machine) -> tuple[Model, Callable[[Model, Trajectory, Envelope, int], StopsOutOfMove]] | None:
@@ -276,9 +270,7 @@ def worst_stops(
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     model : Model
-        Of the axis.
     running : Cascade
         In the drive.
     drive : Loop

@@ -263,15 +263,12 @@ def supervise(drive: Drive, name: str, run: Path | None, options: Options, talk:
     Parameters
     ----------
     drive : Drive
-        Connected.
     name : str
         As for ``--drive``.
     run : Path or None
         Of the run folder; None without one.
     options : Options
-        Settings of the session.
     talk : Talk
-        Hears progress and answers questions.
     settles : bool
         As in :class:`Supervised`.
     """

@@ -24,7 +24,9 @@ from beltcomm.experiments.stops_out_of_move import (
     StopsOutOfMove,
     allowed_lag_m,
     belt_force_limit_n,
+    host_loss_limit_n,
     room_beyond_m,
+    stop_limit_n,
     worst_stops,
 )
 from beltcomm.machine.machine import Machine
@@ -80,7 +82,14 @@ class StandardMove:
     chosen: bool = False
 
     def at(self, share: float, period_s: float) -> Trajectory:
-        """The move with its time stretched by 1/share."""
+        """The move with its time stretched by 1/share.
+
+        Parameters
+        ----------
+        share : float
+            Of the speed limit; acceleration counts with its square, jerk with its cube.
+        period_s : float
+        """
         return plan_trajectory(self.start_m, self.end_m, self.limits.slower(share), period_s)
 
 
@@ -90,9 +99,7 @@ def standard_move(machine: Machine, model: Model) -> StandardMove:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     model : Model
-        Of the axis.
 
     Raises
     ------
@@ -102,7 +109,7 @@ def standard_move(machine: Machine, model: Model) -> StandardMove:
     start, end = _way(machine)
     stated = machine.axis.trajectories.get(machine.axis.targets.limits)
     limits = stated or phases.gentle_limits(machine, model, math.inf)
-    return StandardMove(start, end, *admissible(machine, model, start, end, limits), chosen=stated is None)
+    return StandardMove(start, end, *_admissible(machine, model, start, end, limits), chosen=stated is None)
 
 
 def _kept_inside(machine: Machine, model: Model, cascade: Cascade, delay_s: float) -> StandardMove:
@@ -117,14 +124,14 @@ def _kept_inside(machine: Machine, model: Model, cascade: Cascade, delay_s: floa
     standard, share, why = standard_move(machine, model), 1.0, ""
     for _ in range(BELT_TRIES):
         move = standard.at(share, machine.drive.capabilities.sample_period_s)
-        path, stops = predicted(machine, model, cascade, delay_s, move), predicted_stops(machine, model, cascade, delay_s, move)
+        path, stops = _predicted(machine, model, cascade, delay_s, move), predicted_stops(machine, model, cascade, delay_s, move)
         top = float(np.max(np.abs(move.velocity_m_s)))
         swing, stop = (belt_force_limit_n(machine, model, top, factor) for factor in (BELT_SWING, STOP_SWING))
-        beyond = HOST_LOSS_SWING * machine.axis.belt_force_limit_n
+        beyond, stated = HOST_LOSS_SWING * machine.axis.belt_force_limit_n, (stop_limit_n(machine.axis), host_loss_limit_n(machine.axis))
         over, what = max(
             (path.belt_force_n / swing, f"the swinging belt carries more than {swing:.0f} N"),
-            (stops.asked_for.belt_force_n / stop, f"a stop loads the belt beyond {stop:.0f} N"),
-            (stops.host_lost.belt_force_n / beyond, f"a lost PC loads the belt beyond {beyond:.0f} N"),
+            (stops.asked_for.belt_force_n / stop, f"a stop loads the belt to nearly {stated[0]:.0f} N + friction"),
+            (stops.host_lost.belt_force_n / beyond, f"a lost PC loads the belt to nearly {stated[1]:.0f} N"),
             (0.0 if stops.inside(machine.envelope().window_m) else OUTSIDE, "a stop or a lost PC takes the carriage out of its travel"),
         )
         if over <= 1.0:
@@ -145,11 +152,9 @@ def slowed_move(machine: Machine, model: Model, cascade: Cascade, delay_s: float
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     model : Model
         For which it is predicted.
     cascade : Cascade
-        The controller.
     delay_s : float, s
         Of the torque path.
 
@@ -167,11 +172,9 @@ def predicted_stops(machine: Machine, model: Model, cascade: Cascade, delay_s: f
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     model : Model
         For which they are predicted.
     cascade : Cascade
-        The controller.
     delay_s : float, s
         Of the torque path.
     trajectory : Trajectory
@@ -216,11 +219,9 @@ def move_asked_for(
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     model : Model
         For which the standard move is slowed.
     cascade : Cascade
-        The controller.
     delay_s : float, s
         Of the torque path.
     file : Path or None
@@ -242,15 +243,15 @@ def move_asked_for(
     return plan_trajectory(*_way(machine), machine.axis.trajectory(name), period), ""
 
 
-def admissible(machine: Machine, model: Model, start: float, end: float, limits: TrajectoryLimits) -> tuple[TrajectoryLimits, str]:
+def _admissible(machine: Machine, model: Model, start: float, end: float, limits: TrajectoryLimits) -> tuple[TrajectoryLimits, str]:
     """The limits, or the fastest uniformly slower ones with which the move keeps every limit of the axis, and in words why."""
     period = machine.drive.capabilities.sample_period_s
     window = machine.envelope().window_m
     spare = max(0.0, min(BESIDE_M, 0.5 * (min(start, end) - window[0]), 0.5 * (window[1] - max(start, end))))
-    broken = broken_limits(machine, model, plan_trajectory(start, end, limits, period), spare)
+    broken = _broken_limits(machine, model, plan_trajectory(start, end, limits, period), spare)
     if not broken:
         return limits, ""
-    pace = _fastest_pace(lambda pace: broken_limits(machine, model, plan_trajectory(start, end, limits.slower(pace), period), spare))
+    pace = _fastest_pace(lambda pace: _broken_limits(machine, model, plan_trajectory(start, end, limits.slower(pace), period), spare))
     if pace == 0.0:
         raise Refused(f"no move from {start:g} m to {end:g} m keeps the limits: {'; '.join(broken)}")
     return limits.slower(pace), f"the move was slowed down, because at the speed asked for {'; '.join(broken)}"
@@ -262,9 +263,7 @@ def uses_led_reference(drive: Drive, axis: Axis, cascade: Cascade) -> bool:
     Parameters
     ----------
     drive : Drive
-        Connected.
     axis : Axis
-        As its file states it.
     cascade : Cascade
         That runs in it.
 
@@ -277,7 +276,7 @@ def uses_led_reference(drive: Drive, axis: Axis, cascade: Cascade) -> bool:
     return own.gains != "unknown" and can_lead(own.structure, cascade) and not axis.mounting.tilted
 
 
-def predicted(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> PredictedMove:
+def _predicted(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> PredictedMove:
     """A move and the rest after it, with a led reference where the drive gets one."""
     drive, path = in_drive(machine, delay_s), with_dwell(trajectory, REST_S)
     if not uses_led_reference(machine.drive, machine.axis, cascade):
@@ -292,7 +291,6 @@ def in_drive(machine: Machine, delay_s: float) -> Loop:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     delay_s : float, s
         Of the torque path.
     """
@@ -302,7 +300,7 @@ def in_drive(machine: Machine, delay_s: float) -> Loop:
 
 def _error_m(machine: Machine, model: Model, cascade: Cascade, delay_s: float, trajectory: Trajectory) -> float:
     """Predicted following error of a move, m: the largest of the places where the targets count."""
-    return _largest(machine, predicted(machine, model, cascade, delay_s, trajectory)).dynamic_m
+    return _largest(machine, _predicted(machine, model, cascade, delay_s, trajectory)).dynamic_m
 
 
 def _largest(machine: Machine, path: PredictedMove) -> TrackingError:
@@ -316,6 +314,15 @@ def fastest(machine: Machine, model: Model, cascade: Cascade, delay_s: float, st
     """The standard move with its time stretched until ``AIM_SHARE`` of the target is predicted; None beyond ``SLOWEST_MOVE_S``.
 
     A loop without velocity feedforward lags by speed over K_PP, so its error falls with the speed.
+
+    Parameters
+    ----------
+    machine : Machine
+    model : Model
+    cascade : Cascade
+    delay_s : float
+        From setpoint to acting torque.
+    standard : StandardMove
     """
     period, aim = machine.drive.capabilities.sample_period_s, AIM_SHARE * machine.axis.targets.following_m
     share = 1.0
@@ -338,11 +345,9 @@ def within_target(machine: Machine, model: Model, cascade: Cascade, delay_s: flo
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     model : Model
         For which the errors are predicted.
     cascade : Cascade
-        The controller.
     delay_s : float, s
         Of the torque path.
     standard : StandardMove
@@ -437,7 +442,7 @@ def _led_within_target(machine: Machine, model: Model, cascade: Cascade, delay_s
     aim, why = AIM_SHARE * machine.axis.targets.following_m, ""
     while True:
         move = standard.at(share, period)
-        path = predicted(machine, model, cascade, delay_s, move)
+        path = _predicted(machine, model, cascade, delay_s, move)
         if not (path.saturated or path.error.dynamic_m > aim):
             running = as_in_drive(machine.folder, cascade)
             led = led_reference(model, with_dwell(move, REST_S), running, drive.structure, delay_s)
@@ -459,14 +464,8 @@ def _led_within_target(machine: Machine, model: Model, cascade: Cascade, delay_s
     return move, f"{text}at its full speed {why}, so it was driven at {100 * share:.0f} % of its speed, in {move.duration_s:.3g} s"
 
 
-def broken_limits(machine: Machine, model: Model, trajectory: Trajectory, spare_m: float = 0.0) -> list[str]:
-    """Limits of axis, motor and drive that a move would break, each with value and limit.
-
-    Parameters
-    ----------
-    spare_m : float
-        That a stop leaves of the travel.
-    """
+def _broken_limits(machine: Machine, model: Model, trajectory: Trajectory, spare_m: float = 0.0) -> list[str]:
+    """Limits of axis, motor and drive that a move would break, each with value and limit."""
     asked, axis, envelope = demand(trajectory, model), machine.axis.limits, machine.envelope()
     pairs = [
         ("the speed", asked.speed_m_s, phases.SPEED_SHARE * envelope.speed_m_s, "m/s"),
@@ -490,7 +489,6 @@ def refuse_broken(machine: Machine, model: Model, trajectory: Trajectory) -> Non
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     model : Model
         For which the limits are asked.
     trajectory : Trajectory
@@ -501,7 +499,7 @@ def refuse_broken(machine: Machine, model: Model, trajectory: Trajectory) -> Non
     Refused
         With the limits, and the fastest version of it that is admitted.
     """
-    broken = broken_limits(machine, model, trajectory)
+    broken = _broken_limits(machine, model, trajectory)
     if broken:
         raise Refused("the move is refused: " + "; ".join(broken) + _fastest(machine, model, trajectory))
 
@@ -512,7 +510,7 @@ def _fastest(machine: Machine, model: Model, trajectory: Trajectory) -> str:
 
     def broken(pace: float) -> list[str]:
         slower = Trajectory(one.t_s / pace, one.position_m, one.velocity_m_s * pace, one.acceleration_m_s2 * pace**2)
-        return broken_limits(machine, model, slower)
+        return _broken_limits(machine, model, slower)
 
     pace = _fastest_pace(broken)
     return f"; the same move stretched from {one.duration_s:.3f} s to {one.duration_s / pace:.3f} s is admissible" if pace else ""

@@ -70,7 +70,6 @@ def run_on_m(axis: Axis, torque_nm: float, held_s: float) -> float:
     Parameters
     ----------
     axis : Axis
-        As its file states it.
     torque_nm : float
         Then, N m.
     held_s : float, s
@@ -88,9 +87,7 @@ def creep(drive: Drive, axis: Axis, limits: Limits, by_m: float, reach_m: float,
     Parameters
     ----------
     drive : Drive
-        Connected.
     axis : Axis
-        As its file states it.
     limits : Limits
         Of torque and speed, at the motor.
     by_m : float, m
@@ -218,9 +215,7 @@ def move_limits(drive: Drive, axis: Axis, by_m: float, position_m: float | None)
     Parameters
     ----------
     drive : Drive
-        Connected.
     axis : Axis
-        As its file states it.
     by_m : float, m
         Way of the carriage, either way.
     position_m : float or None, m
@@ -255,9 +250,7 @@ def small_move(drive: Drive, axis: Axis, by_m: float, position_m: float | None) 
     Parameters
     ----------
     drive : Drive
-        Connected.
     axis : Axis
-        As its file states it.
     by_m : float, m
         Way of the carriage, either way.
     position_m : float or None, m

@@ -84,7 +84,7 @@ class Delivered:
         )
 
 
-def delivered(recording: Recording) -> Delivered | None:
+def _delivered(recording: Recording) -> Delivered | None:
     """Share of an open-loop record's setpoint that its torque shows; None for a record without one, or with a constant one."""
     asked = recording.torque_setpoint
     if asked is None or not np.all(np.isfinite(asked)) or np.ptp(asked) <= 0.0:
@@ -103,7 +103,7 @@ def delivered(recording: Recording) -> Delivered | None:
     filtered = chain is not None and chain.rest_nm < EXPLAINED * float(np.std(torque))
     if chain is not None and filtered and not (step < AT_ONCE and _limited_rest(asked, torque, slope * period) < chain.rest_nm):
         share = chain.law.gain
-    samples = 1 + round(float(recording.t_s[-1] - recording.t_s[0]) / period)
+    samples = 1 + round(recording.duration_s / period)
     return Delivered(share, correlation, lag, level, reached, step, slope, max(0.0, 1.0 - len(recording.t_s) / samples))
 
 
@@ -159,7 +159,7 @@ def check(recording: Recording) -> str:
     Refused
         For one that shows something else than was asked for.
     """
-    found = delivered(recording)
+    found = _delivered(recording)
     if found is None or found.sound:
         return ""
     words = f"{recording.name}: {found.words()}"

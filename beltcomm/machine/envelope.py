@@ -34,7 +34,6 @@ def stroking(capabilities: Capabilities) -> LoopKind:
     Parameters
     ----------
     capabilities : Capabilities
-        Of the drive.
     """
     if capabilities.kinds == {"profile"}:
         return "profile"

@@ -34,7 +34,6 @@ def run_on_words(machine: Machine, predicted: Prediction, ends_m: float) -> str:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     predicted : Prediction
         Of an excitation.
     ends_m : float, m
@@ -52,7 +51,6 @@ def guarded(
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     excitation : Excitation
         That will be sent.
     at : float, m
@@ -102,7 +100,6 @@ def excite(
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     name : str
         Of the record.
     excitation : Excitation

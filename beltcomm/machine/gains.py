@@ -144,9 +144,7 @@ def named_differences(drive: Drive, folder: RunFolder, wanted: Mapping[str, floa
     Parameters
     ----------
     drive : Drive
-        Connected.
     folder : RunFolder
-        The run folder.
     wanted : mapping of str to float, SI
         By name of the parameter.
 
@@ -180,7 +178,6 @@ def differences(drive: Drive, folder: RunFolder | None, wanted: Sequence[ObjectV
     Parameters
     ----------
     drive : Drive
-        Connected.
     folder : RunFolder or None
         Of the run, None for what this computer itself noted of the drive.
     wanted : sequence of ObjectValue
@@ -237,13 +234,10 @@ def write(
     Parameters
     ----------
     drive : Drive
-        Connected.
     folder : RunFolder
-        The run folder.
     found : Differences
         As :func:`named_differences` returned them.
     talk : Talk
-        Hears progress and answers questions.
     yes : bool
         True for a consent given before.
     verb : str
@@ -275,7 +269,6 @@ def put_back(drive: Drive, found: Differences) -> None:
     Parameters
     ----------
     drive : Drive
-        Connected.
     found : Differences
         That were written.
 

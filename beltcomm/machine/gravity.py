@@ -67,7 +67,6 @@ def expected(axis: Axis) -> Expected:
     Parameters
     ----------
     axis : Axis
-        Data sheets.
 
     Returns
     -------
@@ -90,14 +89,13 @@ def expected(axis: Axis) -> Expected:
 
 
 def refuse_too_steep(axis: Axis, holding_nm: float, friction_nm: float, mass_kg: float, known: str) -> None:
-    """Raise Refused when gravity and friction leave no room within the torque limit: with the torque, the limit, and what would work.
+    """Check that gravity and friction leave room within the torque limit.
 
     |τ_g| + 2 τ_C ≤ 0.9 τ_max.
 
     Parameters
     ----------
     axis : Axis
-        As its file states it.
     holding_nm : float, N m, motor shaft
         τ_g.
     friction_nm : float, N m, motor shaft
@@ -106,6 +104,11 @@ def refuse_too_steep(axis: Axis, holding_nm: float, friction_nm: float, mass_kg:
         Carriage with payload.
     known : str
         Where the numbers are from, in words.
+
+    Raises
+    ------
+    Refused
+        With the torque, the limit, and what would work.
     """
     limit = axis.torque_limit()
     needed, most = abs(holding_nm) + FRICTIONS * friction_nm, TORQUE_SHARE * limit.torque_nm
@@ -126,7 +129,6 @@ def suitable(axis: Axis) -> None:
     Parameters
     ----------
     axis : Axis
-        Data sheets.
 
     Raises
     ------
@@ -162,7 +164,6 @@ def admit(machine: Machine) -> None:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
 
     Raises
     ------
@@ -204,7 +205,6 @@ def held_by(machine: Machine, holding_nm: float, friction_nm: float) -> str:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     holding_nm : float, N m, motor shaft
         Holding torque.
     friction_nm : float, N m, motor shaft
@@ -233,7 +233,6 @@ def less_steep(machine: Machine, limit_n: float, needed_n: float) -> str:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     limit_n : float
         It may carry.
     needed_n : float

@@ -43,7 +43,14 @@ class Hardware:
 
     @classmethod
     def of(cls, name: str, capabilities: Capabilities) -> Hardware:
-        """The drive behind ``capabilities``."""
+        """The drive behind ``capabilities``.
+
+        Parameters
+        ----------
+        name : str
+            Of the drive's profile.
+        capabilities : Capabilities
+        """
         return cls(name, dict(capabilities.identity))
 
     @property
@@ -81,7 +88,12 @@ class Hardware:
         return self.serial or self.identity.get("device_name") or numbers
 
     def named_by(self, word: str) -> bool:
-        """True if a word names this drive; ``vendor:product:serial`` does too."""
+        """True if a word names this drive; ``vendor:product:serial`` does too.
+
+        Parameters
+        ----------
+        word : str
+        """
         long = ":".join(self.identity.get(key, "") for key in TELLING[:3])
         return word.strip() in (self.confirmation, long)
 
@@ -103,7 +115,18 @@ class Hardware:
             return {}
 
     def remember(self, **entries: Any) -> bool:
-        """Add to what is remembered; False when the folder cannot be written."""
+        """Add to what is remembered.
+
+        Parameters
+        ----------
+        **entries : Any
+            Anything that YAML can hold.
+
+        Returns
+        -------
+        bool
+            False when the folder cannot be written.
+        """
         path = self._file
         known = {"drive": {key: self.identity.get(key, "") for key in TELLING}, "name": self.name}
         try:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from beltcomm.arrays import rms
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
 from beltcomm.trajectory import Trajectory
@@ -32,7 +33,13 @@ class Thermal:
 
     @classmethod
     def of(cls, axis: Axis, capabilities: Capabilities) -> Thermal:
-        """The weaker of motor and drive."""
+        """The weaker of motor and drive.
+
+        Parameters
+        ----------
+        axis : Axis
+        capabilities : Capabilities
+        """
         motor = axis.motor
         rated = min(motor.rated_torque_nm or math.inf, capabilities.rated_torque_nm)
         peak = min(motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
@@ -50,7 +57,17 @@ class Thermal:
         return ((self.peak_nm / self.rated_nm) ** 2 - 1.0) * self.overload_s
 
     def share(self, torque_nm: float) -> float:
-        """Heat of a torque (rms) as a share of what is given off for ever."""
+        """Heat of a torque (rms) as a share of what is given off for ever.
+
+        Parameters
+        ----------
+        torque_nm : float, N m rms, motor shaft
+
+        Returns
+        -------
+        float
+            1 at the rated torque.
+        """
         return (torque_nm / self.rated_nm) ** 2
 
 
@@ -124,7 +141,7 @@ def path_rms_nm(path: Trajectory, inertia_kg_m2: float, ratio: float, mass_kg: f
         τ_g, counted in the direction that takes more.
     """
     torque = (inertia_kg_m2 / ratio + ratio * mass_kg) * path.acceleration_m_s2 + friction_nm * np.sign(path.velocity_m_s)
-    return float(np.sqrt(np.mean((np.abs(torque) + abs(held_nm)) ** 2)))
+    return rms(np.abs(torque) + abs(held_nm))
 
 
 class HeatStore:
@@ -143,17 +160,41 @@ class HeatStore:
         self._row_s: float | None = None
 
     def rest_until(self, clock_s: float) -> float:
-        """The stage was off until now; returns the excess that is left, s, which is also how long it takes to go."""
+        """The stage was off until now.
+
+        Parameters
+        ----------
+        clock_s : float
+            Now.
+
+        Returns
+        -------
+        float, s
+            Excess that is left, which is also how long it takes to go.
+        """
         self.excess_s = max(0.0, self.excess_s - max(clock_s - self._until_s, 0.0))
         self._until_s, self._row_s = clock_s, None
         return self.excess_s
 
     def add(self, t_s: float, torque_nm: float) -> None:
-        """One row of a record: the torque from its time on."""
+        """One row of a record: the torque from its time on.
+
+        Parameters
+        ----------
+        t_s : float
+            Since the begin of the record.
+        torque_nm : float, motor shaft
+        """
         if self._row_s is not None:
             self.excess_s = max(0.0, self.excess_s + ((torque_nm / self.rated_nm) ** 2 - 1.0) * (t_s - self._row_s))
         self._row_s = t_s
 
     def moved_until(self, clock_s: float) -> None:
-        """A record has ended: its rows have counted its time."""
+        """A record has ended: its rows have counted its time.
+
+        Parameters
+        ----------
+        clock_s : float
+            Now.
+        """
         self._until_s, self._row_s = clock_s, None

@@ -35,7 +35,6 @@ def prove(machine: Machine, holding_nm: float | None = None) -> Guarding:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     holding_nm : float or None
         What holds the axis meanwhile, N m.
 
@@ -113,7 +112,6 @@ def losses_of(machine: Machine, sliding_nm: Callable[[float, float], float] | No
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     sliding_nm : callable
         As in :func:`braking_of`.
     """
@@ -195,7 +193,17 @@ class RunOnWatch:
         self._rows: list[tuple[float, float]] = []
 
     def run_on_m(self, speed_m_s: float) -> float:
-        """Way that the carriage would run on from this speed, m, at the next speed above of the table."""
+        """Way that the carriage would run on from this speed, at the next speed above of the table.
+
+        Parameters
+        ----------
+        speed_m_s : float, carriage, 0 or above
+
+        Returns
+        -------
+        float, m
+            inf beyond the table.
+        """
         number = math.ceil(speed_m_s / self._step)
         return self._ways[number] if number < len(self._ways) else math.inf
 
@@ -226,7 +234,6 @@ def guard_times_s(capabilities: Capabilities) -> tuple[float, ...]:
     Parameters
     ----------
     capabilities : Capabilities
-        Of the drive.
 
     Returns
     -------

@@ -30,7 +30,12 @@ class Load:
         self._torque = self._force = self._speed = 0.0
 
     def see(self, row: Row) -> None:
-        """A row as the drive gives it."""
+        """A row as the drive gives it.
+
+        Parameters
+        ----------
+        row : Row, motor shaft
+        """
         t_s, torque, setpoint, _, velocity, *_ = row
         torque = setpoint if math.isnan(torque) else torque
         if math.isnan(torque):

@@ -161,22 +161,45 @@ class Machine:
         self._backup = self.drive.backup()
 
     def remark(self, sentence: str) -> None:
-        """Say something of a record that belongs into the result too."""
+        """Say something of a record that belongs into the result too.
+
+        Parameters
+        ----------
+        sentence : str
+        """
         self.talk.say(sentence)
         self.folder.journal(sentence)
         self.remarks.append(sentence)
 
     def detail(self, sentence: str) -> None:
-        """Tell a detail, which only some want to read while it happens."""
+        """Tell a detail, which only some want to read while it happens.
+
+        Parameters
+        ----------
+        sentence : str
+        """
         detail(self.talk, sentence)
         self.folder.journal(sentence)
 
     def found(self, name: str, value: str) -> None:
-        """A number that was found on the way."""
+        """A number that was found on the way.
+
+        Parameters
+        ----------
+        name : str
+        value : str
+            In words, with its unit.
+        """
         found(self.talk, name, value)
 
     def begin(self, title: str) -> None:
-        """Tell that a phase begins, numbered among those to come."""
+        """Tell that a phase begins, numbered among those to come.
+
+        Parameters
+        ----------
+        title : str
+            One of ``titles``, or of a phase of its own.
+        """
         number = self.titles.index(title) + 1 if title in self.titles else 1
         self.talk.phase(number, max(len(self.titles), 1), title)
         self.folder.journal(f"phase {number} of {max(len(self.titles), 1)}: {title}", "phase")
@@ -197,7 +220,12 @@ class Machine:
         return OFFSET in self._backup
 
     def hold_with(self, torque_nm: float) -> None:
-        """From now on open-loop records, and the drive's own loops where it can, begin and end with this torque, N m."""
+        """From now on open-loop records, and the drive's own loops where it can, begin and end with this torque.
+
+        Parameters
+        ----------
+        torque_nm : float, motor shaft
+        """
         self.holding_nm = torque_nm
         if self.holds_in_loops:
             self.drive.write({OFFSET: torque_nm})
@@ -223,7 +251,17 @@ class Machine:
             self.talk.say(line)
 
     def reference_at(self, position_m: float) -> None:
-        """The carriage stands at ``position_m`` now, as the operator says.  Raises UsageError outside the travel."""
+        """The carriage stands at ``position_m`` now, as the operator says.
+
+        Parameters
+        ----------
+        position_m : float, carriage
+
+        Raises
+        ------
+        UsageError
+            Outside the travel.
+        """
         low, high = self.envelope().window_m
         if not low <= position_m <= high:
             raise UsageError(f"position {position_m:.4g} m is outside the travel {low:g}..{high:g} m of axis.yaml")
@@ -235,7 +273,18 @@ class Machine:
         self.place_known = False
 
     def keep_to(self, window_m: tuple[float, float]) -> None:
-        """From now on the carriage stays within ``window_m`` of where it stands.  Raises UsageError for one longer than the travel."""
+        """From now on the carriage stays within ``window_m`` of where it stands.
+
+        Parameters
+        ----------
+        window_m : tuple[float, float], carriage
+            Lowest and highest, from where it stands.
+
+        Raises
+        ------
+        UsageError
+            For one longer than the travel.
+        """
         low, high = window_m
         travel = float(self.axis.travel.max_m or 0.0) - float(self.axis.travel.min_m or 0.0)
         if high - low > travel:
@@ -256,11 +305,21 @@ class Machine:
         return f"{further} or correct travel in axis.yaml" if self.room_word == "travel" else f"give a wider --window or {further}"
 
     def where(self, position_m: float) -> str:
-        """A position in words."""
+        """A position in words.
+
+        Parameters
+        ----------
+        position_m : float, carriage
+        """
         return f"{position_m:.4f} m" if self.place_known else f"{1e3 * position_m:+.1f} mm from where it stood"
 
     def place_m(self, position_m: float) -> float | None:
-        """A position on the axis, None when that is not known."""
+        """A position on the axis, None when the zero of the axis is not known.
+
+        Parameters
+        ----------
+        position_m : float, carriage, from the zero of the session
+        """
         return position_m if self.place_known else None
 
     def envelope(self) -> Envelope:
@@ -275,7 +334,12 @@ class Machine:
         return Envelope((low, high), speed, torque)
 
     def drive_limits(self, envelope: Envelope) -> Limits:
-        """Limits of the envelope at the motor shaft, in the drive's zero."""
+        """Limits of the envelope at the motor shaft, in the drive's zero.
+
+        Parameters
+        ----------
+        envelope : Envelope, carriage
+        """
         low, high = sorted(self.origin_rad + x / self.ratio for x in envelope.window_m)
         speed = min(envelope.speed_m_s / self.ratio, self.drive.capabilities.max_speed_rad_s)
         lag = None if envelope.lag_m is None else envelope.lag_m / self.ratio
@@ -290,7 +354,12 @@ class Machine:
         return (UNKNOWN_BRAKE_S if motor.brake_time_s is None else motor.brake_time_s) if motor.brake_torque_nm else 0.0
 
     def brake_with(self, braking: Braking) -> None:
-        """From now on a stop is counted with, and set in the drive to, what a loop can do."""
+        """From now on a stop is counted with, and set in the drive to, what a loop can do.
+
+        Parameters
+        ----------
+        braking : Braking, carriage
+        """
         self.braking, self.deceleration_m_s2 = braking, braking.deceleration_m_s2
         own_m_s2 = self._own_deceleration_m_s2()
         if own_m_s2 is None or abs(own_m_s2 / braking.deceleration_m_s2 - 1.0) < SAME_STOP:
@@ -312,7 +381,13 @@ class Machine:
         return None if found is None else self.ratio * found
 
     def torque_motion(self, torque_nm: Array) -> Motion:
-        """An open-loop record at the drive's sampling period, with what holds the axis added."""
+        """An open-loop record at the drive's sampling period, with what holds the axis added.
+
+        Parameters
+        ----------
+        torque_nm : ndarray, (n,), motor shaft
+            One entry per sampling period.
+        """
         zero, step = np.zeros(len(torque_nm)), self.drive.capabilities.torque_step_nm
         holding = round(self.holding_nm / step) * step if step else self.holding_nm
         return Motion("torque", self.drive.capabilities.sample_period_s, zero, zero, np.asarray(torque_nm) + holding, holding)
@@ -322,10 +397,17 @@ class Machine:
 
         Parameters
         ----------
+        trajectory : Trajectory, carriage
+        kind : LoopKind
         torque_nm : ndarray (n,)
             Sent along with it.
         lead_m : ndarray (n,)
             By which the drive's reference is ahead.
+
+        Returns
+        -------
+        Motion
+            Motor shaft.
         """
         speed = trajectory.velocity_m_s / self.ratio
         return Motion(
@@ -397,6 +479,11 @@ class Machine:
 
         Parameters
         ----------
+        name : str
+        motion : Motion, motor shaft
+        envelope : Envelope, carriage
+        sidecar : Sidecar
+            What is noted beside the rows.
         watch : RowWatch
             Is called with every row as the drive gives it, and may raise; that stops the axis.
         foreseen : tuple[ndarray, ndarray] or None
@@ -469,7 +556,15 @@ class Machine:
             raise
 
     def run(self, motion: Motion, envelope: Envelope, watch: RowWatch = unwatched) -> None:
-        """Run a motion that is only a means (positioning, creeping), watched row by row; nothing is kept."""
+        """Run a motion that is only a means (positioning, creeping), watched row by row; nothing is kept.
+
+        Parameters
+        ----------
+        motion : Motion, motor shaft
+        envelope : Envelope, carriage
+        watch : RowWatch
+            Called with every row; what it raises stops the axis.
+        """
         self._check_stops(motion)
         self.let_settle()
         closed, begun = foreseen_of(self, motion), self.drive.clock.now()
@@ -488,8 +583,18 @@ class Machine:
         return stroking(self.drive.capabilities)
 
     def write_cascade(self, cascade: Cascade) -> Cascade:
-        """Put a controller into the drive, as far as it has the parts; returns the one it now runs (quantised).   Where nobody knows its
-        gains nothing is written: what stands in it is what a person has set."""
+        """Put a controller into the drive, as far as it has the parts.   Where nobody knows its
+        gains nothing is written: what stands in it is what a person has set.
+
+        Parameters
+        ----------
+        cascade : Cascade, motor side
+
+        Returns
+        -------
+        Cascade
+            The one it now runs, quantised.
+        """
         if self.drive.capabilities.gains == "unknown":
             return cascade
         offered = self.drive.backup()

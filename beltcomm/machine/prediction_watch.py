@@ -119,7 +119,7 @@ class PredictionWatch:
             self._stop("position", "way", 1e3 * travel, 1e3 * self.farthest_m, "mm")
 
     def _stop(self, reason: str, what: str, value: float, limit: float, unit: str) -> None:
-        seen, most = told_apart(value, limit)
+        seen, most = _told_apart(value, limit)
         raise SafetyStop(
             f"the {what} of {seen} {unit} is more than the {most} {unit} that were to be expected at most; "
             f"the axis was stopped and the amplitude is not raised further; {self.cause()}",
@@ -128,10 +128,10 @@ class PredictionWatch:
 
     def cause(self) -> str:
         """Probable fault by the rows so far, in words."""
-        return suspects(self.inertia_kg_m2, measured_inertia(np.array(self._rows)), self.units, rigid=self.rigid)
+        return _suspects(self.inertia_kg_m2, _measured_inertia(np.array(self._rows)), self.units, rigid=self.rigid)
 
 
-def told_apart(value: float, limit: float) -> tuple[str, str]:
+def _told_apart(value: float, limit: float) -> tuple[str, str]:
     """Both numbers with three digits, or as many more as it takes to see that they differ."""
     for digits in range(3, 9):
         shown = f"{value:.{digits}g}", f"{limit:.{digits}g}"
@@ -140,7 +140,7 @@ def told_apart(value: float, limit: float) -> tuple[str, str]:
     return shown
 
 
-def measured_inertia(rows: np.ndarray) -> tuple[float, float] | None:
+def _measured_inertia(rows: np.ndarray) -> tuple[float, float] | None:
     """Motor-side inertia and its standard deviation, kg m², by  φ̈ = (τ - c sign φ̇ - d)/J  from rows (t, τ, φ); None when it cannot tell.
 
     The belt is soft against the steps of an excitation, so the carriage hardly counts.   rows : (n, 3), s, N m, rad, motor shaft.
@@ -185,7 +185,6 @@ def units_of(capabilities: Capabilities) -> DriveUnits:
     Parameters
     ----------
     capabilities : Capabilities
-        Of the drive.
     """
     return DriveUnits(1e3 * (capabilities.torque_step_nm or math.nan), capabilities.counts_per_rev)
 
@@ -207,7 +206,7 @@ def other_units(share: float, units: DriveUnits) -> str:
     )
 
 
-def suspects(stated_kg_m2: float, measured: tuple[float, float] | None, units: DriveUnits | None = None, *, rigid: bool = False) -> str:
+def _suspects(stated_kg_m2: float, measured: tuple[float, float] | None, units: DriveUnits | None = None, *, rigid: bool = False) -> str:
     """In words, which entries of axis.yaml to look at, with the measured inertia where there is one.
 
     Parameters

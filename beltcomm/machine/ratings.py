@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities, KnownMotor
 from beltcomm.errors import DataError, UsageError
+from beltcomm.given import pasted
 from beltcomm.runfolder import RunFolder
 
 #: Units of a drive by name: in words, SI, and the objects that make them.
@@ -30,7 +31,6 @@ def nameplate_of(axis: Axis) -> KnownMotor:
     Parameters
     ----------
     axis : Axis
-        Data sheets.
 
     Returns
     -------
@@ -86,7 +86,7 @@ class Rating:
         return f"{told}: {self.remedy}"
 
 
-def ratings(axis: Axis, capabilities: Capabilities) -> tuple[Rating, ...]:
+def _ratings(axis: Axis, capabilities: Capabilities) -> tuple[Rating, ...]:
     """Ratings that can be compared; a limit may be set lower in a drive than the motor bears, not higher."""
     motor = axis.motor
     share = capabilities.rated_torque_nm / motor.rated_torque_nm if motor.rated_torque_nm else 1.0
@@ -118,7 +118,6 @@ def limit_ratings(axis: Axis, peak_torque_nm: float, max_speed_rad_s: float) -> 
     Parameters
     ----------
     axis : Axis
-        Data sheets.
     peak_torque_nm : float, N m, motor shaft
         Of the drive.
     max_speed_rad_s : float, rad/s, motor shaft
@@ -149,15 +148,24 @@ def limit_ratings(axis: Axis, peak_torque_nm: float, max_speed_rad_s: float) -> 
     )
 
 
+def own_machine(file: str = "AXIS.yaml") -> str:
+    """Remedy where a virtual drive plays another machine than that of an axis file.
+
+    Parameters
+    ----------
+    file : str
+        The axis file.
+    """
+    return f"`--drive {pasted(f'virtual:{file}')}` simulates the axis that your axis.yaml describes"
+
+
 def check_ratings(axis: Axis, capabilities: Capabilities) -> list[str]:
     """Refuse values of a drive that differ from the axis file's by more than ``RATED_TOLERANCE``.
 
     Parameters
     ----------
     axis : Axis
-        Data sheets.
     capabilities : Capabilities
-        Of the drive.
 
     Returns
     -------
@@ -169,11 +177,10 @@ def check_ratings(axis: Axis, capabilities: Capabilities) -> list[str]:
     UsageError
         With all of them.
     """
-    found = ratings(axis, capabilities)
+    found = _ratings(axis, capabilities)
     wrong = [rating.words() for rating in found if rating.wrong]
     if wrong:
-        own = ". `--drive virtual:AXIS.yaml` plays the machine that your axis.yaml describes" if "plant" in capabilities.identity else ""
-        raise UsageError("; ".join(wrong) + own)
+        raise UsageError("; ".join(wrong) + (f". {own_machine()}" if "plant" in capabilities.identity else ""))
     counted = counts_rating(axis, capabilities.encoder_counts_per_rev or capabilities.counts_per_rev)
     return [counted.words()] if counted.share != 1.0 else []
 
@@ -187,9 +194,7 @@ def check_units(folder: RunFolder, capabilities: Capabilities) -> None:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     capabilities : Capabilities
-        Of the drive.
 
     Raises
     ------
@@ -236,9 +241,7 @@ def fault_of(axis: Axis, capabilities: Capabilities) -> str:
     Parameters
     ----------
     axis : Axis
-        Data sheets.
     capabilities : Capabilities
-        Of the drive.
     """
     try:
         check_ratings(axis, capabilities)
@@ -253,7 +256,6 @@ def counts_rating(axis: Axis, counts_per_rev: float) -> Rating:
     Parameters
     ----------
     axis : Axis
-        Data sheets.
     counts_per_rev : float
         Of the drive, per turn of the motor.
     """

@@ -22,11 +22,8 @@ def leave(
     Parameters
     ----------
     drive : Drive
-        Connected.
     folder : RunFolder
-        The run folder.
     talk : Talk
-        Hears progress and answers questions.
     wanted : mapping of str to float, SI
         By name of the parameter.
     keep : bool

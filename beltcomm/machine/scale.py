@@ -54,7 +54,7 @@ def _accelerating_share(recording: Recording, inertia_kg_m2: float) -> float:
     return float(inertia_kg_m2 * np.sqrt(np.mean(acceleration[large] ** 2) / np.mean(torque[large] ** 2)))
 
 
-def jumping_inertia(recording: Recording) -> float:
+def _jumping_inertia(recording: Recording) -> float:
     """Inertia that the steps of a torque show, kg m² at the motor; nan for a torque without any.
 
     J (a[n+1] - a[n]) = (τ[n+1] - τ[n-1])/2 - what the load changes by from one sample to the next,   a[n] = (θ[n+1] - 2 θ[n] + θ[n-1])/T²
@@ -124,11 +124,8 @@ def check_first(machine: Machine, model: Model, recording: Recording) -> Model:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     model : Model
-        Of the axis.
     recording : Recording
-        The record.
 
     Raises
     ------
@@ -142,7 +139,7 @@ def check_first(machine: Machine, model: Model, recording: Recording) -> Model:
     if share < LEAST_SHARE:
         machine.folder.journal(f"scale: {100 * share:.0f} % of the torque of {recording.name} accelerated the motor, too little to tell")
         return model
-    shown, estimated = jumping_inertia(recording) / stated, _inertia_share(machine.axis, model)
+    shown, estimated = _jumping_inertia(recording) / stated, _inertia_share(machine.axis, model)
     told = f"scale: the steps of {recording.name} show {shown:.2f} times the inertia of axis.yaml, the estimate {estimated:.2f} times"
     off = not 1.0 / FIRST_FACTOR < estimated < FIRST_FACTOR
     if off and (STEPS_SHOW[0] < shown < STEPS_SHOW[1] or estimated < 1.0 < shown):
@@ -161,7 +158,7 @@ def _check_rigid(machine: Machine, recording: Recording) -> None:
     ------
     Refused
     """
-    axis, shown = machine.axis, jumping_inertia(recording)
+    axis, shown = machine.axis, _jumping_inertia(recording)
     alone = axis.motor_side_inertia_kg_m2
     most = alone + axis.transmission_m_rad**2 * max(unknown_loads_kg(axis)[-1], axis.payload.mass_kg or 0.0)
     if not math.isfinite(shown):
@@ -218,9 +215,7 @@ def check_fitted(machine: Machine, model: Model, first: Model, response: Recordi
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     model : Model
-        Of the axis.
     first : Model
         What the excitation before it showed; where that agrees with the data sheets, it is not the scale that is wrong. Nor is it where the
         steps of the torque show about the data sheets' inertia and a fit, of a machine with more bodies, say, somewhat less.
@@ -243,7 +238,7 @@ def check_fitted(machine: Machine, model: Model, first: Model, response: Recordi
         return
     if _inertia_share(machine.axis, model) > FITTED_FACTOR and 1.0 / FIRST_FACTOR <= _inertia_share(machine.axis, first) <= FIRST_FACTOR:
         raise Refused(_not_told_apart(machine.axis, model, first, response, machine.more_room))
-    share, shown = _inertia_share(machine.axis, model), jumping_inertia(response) / machine.axis.motor_side_inertia_kg_m2
+    share, shown = _inertia_share(machine.axis, model), _jumping_inertia(response) / machine.axis.motor_side_inertia_kg_m2
     scaled_rightly = share < 1.0 / FITTED_FACTOR and STEPS_SHOW[0] < shown < STEPS_SHOW[1]
     if scaled_rightly and share < 1.0 / FIRST_FACTOR:
         raise Refused(
@@ -258,12 +253,12 @@ def check_fitted(machine: Machine, model: Model, first: Model, response: Recordi
         )
     else:
         _check_scale(machine, model, FITTED_FACTOR)
-    doubt = feed_constant_in_doubt(machine.axis, model, machine.place_m(machine.position_m))
+    doubt = _feed_constant_in_doubt(machine.axis, model, machine.place_m(machine.position_m))
     if doubt:
         machine.remark(doubt)
 
 
-def feed_constant_in_doubt(axis: Axis, model: Model, position_m: float | None) -> str:
+def _feed_constant_in_doubt(axis: Axis, model: Model, position_m: float | None) -> str:
     """In words, that the belt is so much softer or stiffer than its data sheet that the feed constant may be wrong; "" when it is not.
 
     Parameters

@@ -73,7 +73,6 @@ def braking_of(machine: Machine, sliding_nm: Callable[[float, float], float] | N
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     sliding_nm : callable
         As in :class:`PassiveBraking`.
     """
@@ -90,11 +89,9 @@ def count_on_loop(machine: Machine, family: Sequence[Model], cascade: Cascade, d
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     family : sequence of Model
         Models that the axis may be, the likeliest first.
     cascade : Cascade
-        The controller.
     delay_s : float, s
         Of the torque path.
 
@@ -109,7 +106,7 @@ def count_on_loop(machine: Machine, family: Sequence[Model], cascade: Cascade, d
     low, high = envelope.window_m
     if machine.axis.mounting.tilted:
         machine.holding_nm = analyse.holding_nm(family[0])
-    left_n = max((machine.axis.limits.feed_force_n or machine.axis.belt_force_limit_n) - machine.weight_n, 1.0)
+    left_n = max(machine.belt_left_n, 1.0)
     limits = replace(machine.axis.limits, feed_force_n=left_n)
     rigid = rigid_deceleration(machine.axis, family[0]["cart.mass"], envelope.torque_nm).value_m_s2
     speed = min(envelope.speed_m_s, math.sqrt(2.0 * rigid * SIMULATED_SHARE * (high - low)))
@@ -128,7 +125,7 @@ def count_on_loop(machine: Machine, family: Sequence[Model], cascade: Cascade, d
     if stop.belt_force_n > BELT_BEYOND * left_n:
         raise Refused(
             f"even a stop with {braking.deceleration_m_s2:.3g} m/s² out of {braking.acceleration_m_s2:.3g} m/s² would load the belt with "
-            f"{stop.belt_force_n:.0f} N by this loop, {left_n:.0f} N are left for it (limits.feed_force_n); look at the gains, "
+            f"{stop.belt_force_n:.0f} N by this loop, its limit leaves {left_n:.0f} N for that; look at the gains, "
             "or at what is loose on the axis"
         )
     machine.brake_with(braking)
@@ -147,7 +144,6 @@ def lend_brake(machine: Machine, model: Model, position_m: float) -> None:
     Parameters
     ----------
     machine : Machine
-        The axis behind its drive.
     model : Model
         For which the loop is designed.
     position_m : float, m

@@ -66,7 +66,20 @@ class Note:
             ) from error
 
     def write_locked(self, run: Path | None, objects: Sequence[ObjectValue]) -> None:
-        """Write the note and keep it locked.   Raises UsageError when it cannot be kept: then nothing may be changed."""
+        """Write the note and keep it locked.
+
+        Parameters
+        ----------
+        run : Path or None
+            Folder that the backup is in, None for none.
+        objects : sequence of ObjectValue
+            As they were before the session.
+
+        Raises
+        ------
+        UsageError
+            When it cannot be kept: then nothing may be changed.
+        """
         told = {
             "drive": self.hardware.name,
             "words": self.hardware.words,
@@ -117,11 +130,9 @@ def settle(drive: Drive, note: Note, talk: Talk, *, yes: bool, dry_run: bool) ->
     Parameters
     ----------
     drive : Drive
-        Connected.
     note : Note
         Of what that session changed.
     talk : Talk
-        Hears progress and answers questions.
     yes : bool
         True for a consent given before.
     dry_run : bool

@@ -50,6 +50,7 @@ class Writable:
 
         Parameters
         ----------
+        drive : Drive
         folder : RunFolder or None
             Of the run whose ratings count, None for none.
         found : sequence of ObjectValue
@@ -64,12 +65,20 @@ class Writable:
         return cls({place: kind for place, kind in kinds.items() if place == MODE or not is_command(*place)}, limits)
 
     def check(self, values: Sequence[ObjectValue], *, mode: bool = False) -> None:
-        """Raise Refused, before anything is written, for what must not be.
+        """Check that objects may be written, before anything is.
 
         Parameters
         ----------
+        values : sequence of ObjectValue
         mode : bool
             The mode of operation may go back, too.
+
+        Raises
+        ------
+        ObjectLocked
+            For what is none of the settings of a backup.
+        Refused
+            For an object twice, another type, or a value beyond its rating.
         """
         wrong = [item for item in values if item.place not in self.kinds or (item.place == MODE and not mode)]
         if wrong:
@@ -106,7 +115,18 @@ class Writable:
             )
 
     def check_named(self, names: Iterable[str], capabilities: Capabilities) -> None:
-        """Check the objects behind named parameters, whatever a profile calls so.   Raises ObjectLocked."""
+        """Check the objects behind named parameters, whatever a profile calls so.
+
+        Parameters
+        ----------
+        names : iterable of str
+        capabilities : Capabilities
+
+        Raises
+        ------
+        ObjectLocked
+            For a command or a setpoint.
+        """
         for name in names:
             entry = capabilities.parameters.get(name)
             if entry is not None and is_command(entry.index, entry.subindex):
@@ -146,7 +166,6 @@ def begun_with(folder: RunFolder) -> tuple[Mapping[str, Any], str]:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
 
     Returns
     -------

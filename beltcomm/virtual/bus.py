@@ -41,7 +41,12 @@ class WallClock(Protocol):
         ...
 
     def sleep_until(self, t_s: float) -> None:
-        """Return when ``now() >= t_s``."""
+        """Return when ``now() >= t_s``.
+
+        Parameters
+        ----------
+        t_s : float
+        """
         ...
 
 
@@ -49,11 +54,24 @@ class Node(Protocol):
     """Interface of a node attached to the bus."""
 
     def receive(self, identifier: int, data: bytes, remote: bool) -> None:
-        """Take one frame with an 11-bit identifier; answers go out by :meth:`LockstepBus.transmit`."""
+        """Take one frame with an 11-bit identifier; answers go out by :meth:`LockstepBus.transmit`.
+
+        Parameters
+        ----------
+        identifier : int
+        data : bytes
+        remote : bool
+            A remote frame, which has no data.
+        """
         ...
 
     def begin_tick(self, tick: int) -> None:
-        """Virtual time has become ``tick`` milliseconds."""
+        """Virtual time has become so many ticks of the bus.
+
+        Parameters
+        ----------
+        tick : int
+        """
         ...
 
     def finish_tick(self) -> None:
@@ -147,7 +165,12 @@ class LockstepBus(can.BusABC):
         self._wall_start_s = wall_clock.now() if wall_clock else 0.0
 
     def attach(self, node: Node) -> None:
-        """Connect a node; it starts at the present tick."""
+        """Connect a node; it starts at the present tick.
+
+        Parameters
+        ----------
+        node : Node
+        """
         self._nodes.append(node)
         node.begin_tick(self.tick)
 
@@ -165,7 +188,15 @@ class LockstepBus(can.BusABC):
                 self._to_nodes(*cargo) if direction == "to node" else self._to_host(*cargo)
 
     def transmit(self, sender: Node, identifier: int, data: bytes) -> None:
-        """Put a node's frame on the bus: to the other nodes at once, to the host through its queue."""
+        """Put a node's frame on the bus: to the other nodes at once, to the host through its queue.
+
+        Parameters
+        ----------
+        sender : Node
+            Does not hear it.
+        identifier : int
+        data : bytes
+        """
         now_s = self.tick / self.ticks_per_second
         if self.on_frame is not None:
             self.on_frame((now_s, identifier, data, "node"))
@@ -259,27 +290,74 @@ class TimedLine(Generic[Cargo]):
         self._waiting: dict[Direction, list[Cargo]] = {"to node": [], "to host": []}
 
     def alive(self, tick: int) -> None:
-        """The host does something.   Raises HostDied once it is dead."""
+        """The host does something.
+
+        Parameters
+        ----------
+        tick : int
+
+        Raises
+        ------
+        HostDied
+            Once it is dead.
+        """
         dies_at_s = self.faults.host_dies_at_s
         if dies_at_s is not None and tick / self._per_second >= dies_at_s:
             raise HostDied
 
     def interface(self, tick: int) -> None:
-        """It uses its interface.   Raises can.CanOperationError while that is off too."""
+        """It uses its interface.
+
+        Parameters
+        ----------
+        tick : int
+
+        Raises
+        ------
+        can.CanOperationError
+            While that is off.
+        HostDied
+            As :meth:`alive`.
+        """
         self.alive(tick)
         faults, now_s = self.faults, tick / self._per_second
         if _during(now_s, faults.off_from_s, faults.off_until_s):
             raise can.CanOperationError("the controller is in the state bus-off")
 
     def ahead_s(self, tick: int, stamps: bool = False) -> float:
-        """Lead of the host's clock, or of the one of the ``stamps``, over virtual time, s."""
+        """Lead of the host's clock over virtual time.
+
+        Parameters
+        ----------
+        tick : int
+        stamps : bool
+            Of the clock that stamps frames.
+
+        Returns
+        -------
+        float, s
+            0 before the jump.
+        """
         faults = self.faults
         if faults.clock_jump_at_s is None or tick / self._per_second < faults.clock_jump_at_s:
             return 0.0
         return faults.clock_jump_s if stamps or not faults.stamps_only else 0.0
 
     def carry(self, direction: Direction, identifier: int, cargo: Cargo, tick: int) -> list[Cargo]:
-        """Put a frame in; returns the frames that arrive now."""
+        """Put a frame in.
+
+        Parameters
+        ----------
+        direction : Direction
+        identifier : int
+        cargo : Cargo
+        tick : int
+
+        Returns
+        -------
+        list of Cargo
+            Frames that arrive now, before all else this one.
+        """
         faults, now_s = self.faults, tick / self._per_second
         if _during(now_s, faults.off_from_s, faults.off_until_s) or _during(now_s, faults.silent_from_s, faults.silent_until_s):
             return []
@@ -296,7 +374,12 @@ class TimedLine(Generic[Cargo]):
         return [cargo, *([cargo] if what == "doubled" else []), *passed]
 
     def due(self, tick: int) -> list[tuple[Direction, Cargo]]:
-        """The frames that were held back until now."""
+        """The frames that were held back until now.
+
+        Parameters
+        ----------
+        tick : int
+        """
         if not self._late:
             return []
         now = [(direction, cargo) for when, direction, cargo in self._late if when <= tick]

@@ -5,6 +5,97 @@ from __future__ import annotations
 from collections.abc import Callable
 from enum import IntEnum
 
+from beltcomm.virtual.dictionary import ObjectDictionary
+from beltcomm.virtual.modes import StopKind, StopMode
+
+_SWITCH_ON_WORD = 0x0007
+_RAMP_FIRST = 1
+
+
+class Guidance:
+    """Leads ``machine``.
+
+    ramping : the axis is braked before the state that was asked for is entered.
+
+    Parameters
+    ----------
+    enable_s : float
+        Until the stage is on.
+    resume : callable
+        Called when an ordered end is taken back.
+    """
+
+    def __init__(
+        self, machine: DriveStateMachine, stop: StopMode, dictionary: ObjectDictionary, enable_s: float, resume: Callable[[], None]
+    ) -> None:
+        self._machine, self._stop, self._enable_s, self._resume = machine, stop, enable_s, resume
+        options = {Command.SHUTDOWN: 0x605B, Command.SWITCH_ON: 0x605C}
+        self._options = {command: dictionary.entry(index) for command, index in options.items() if dictionary.has(index)}
+        self.forget()
+
+    def forget(self) -> None:
+        """A transition has happened."""
+        self.ramping = False
+        self._on_at_s: float | None = None
+
+    def follow(self, controlword: int, now_s: float) -> None:
+        """Follow this controlword as far as it leads.
+
+        Parameters
+        ----------
+        controlword : int
+        now_s : float
+        """
+        command, machine = _decode(controlword), self._machine
+        if machine.state == DriveState.OPERATION_ENABLED:
+            option = self._options.get(command)
+            if option is not None and option.value == _RAMP_FIRST:
+                if not self.ramping:
+                    self.ramping = True
+                    self._stop.start(StopKind.PROFILE)
+                return
+            if self.ramping and command == Command.ENABLE_OPERATION:
+                self.ramping = False
+                self._resume()
+        elif self._enable_s and command == Command.ENABLE_OPERATION and machine.state in (DriveState.READY, DriveState.SWITCHED_ON):
+            begun = self._on_at_s
+            machine.control(_SWITCH_ON_WORD)
+            self._on_at_s = now_s + self._enable_s if begun is None else begun
+            if now_s < self._on_at_s:
+                return
+        machine.control(controlword)
+
+    def pass_tick(self, controlword: int, now_s: float) -> None:
+        """The stage may be on by now.
+
+        Parameters
+        ----------
+        controlword : int
+            The last one.
+        now_s : float
+        """
+        if self._on_at_s is not None and now_s >= self._on_at_s:
+            self._machine.control(controlword)
+
+    def brake(self, controlword: int) -> float:
+        """Torque setpoint of a tick while ``ramping``.
+
+        Parameters
+        ----------
+        controlword : int
+            To follow once the ramp is done.
+
+        Returns
+        -------
+        float, N m
+            Motor shaft.
+        """
+        torque_nm = self._stop.step()
+        if self._stop.done:
+            self.ramping = False
+            self._machine.control(controlword)
+        return torque_nm
+
 
 class DriveState(IntEnum):
     """States in the order of the standard."""
@@ -65,7 +156,7 @@ _STATUS_BITS = {
 }
 
 
-def decode(controlword: int) -> Command:
+def _decode(controlword: int) -> Command:
     """The command in the bits 3 to 0 (a fault reset is an edge and not decoded here).
 
     Parameters
@@ -110,8 +201,13 @@ class DriveStateMachine:
         self._go(1, DriveState.SWITCH_ON_DISABLED)
 
     def control(self, controlword: int) -> None:
-        """Follow the level of the controlword as far as it leads; done on each write and each tick."""
-        command = decode(controlword)
+        """Follow the level of the controlword as far as it leads; done on each write and each tick.
+
+        Parameters
+        ----------
+        controlword : int
+        """
+        command = _decode(controlword)
         while (found := TRANSITIONS.get((self.state, command))) is not None:
             if found[0] == 16 and not self.quick_stop_holds:
                 return
@@ -123,7 +219,13 @@ class DriveStateMachine:
             self._go(15, DriveState.SWITCH_ON_DISABLED)
 
     def fault(self, coast: bool) -> None:
-        """A fault: transition 13, and 14 at once when the stage must not brake or is off."""
+        """A fault: transition 13, and 14 at once with ``coast`` or when the stage is off.
+
+        Parameters
+        ----------
+        coast : bool
+            The stage must not brake.
+        """
         if self.state == DriveState.FAULT:
             return
         must_brake = self.powered and not coast

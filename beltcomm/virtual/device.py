@@ -6,8 +6,7 @@ from collections import deque
 from dataclasses import replace
 
 from beltcomm.errors import UsageError
-from beltcomm.plant import Plant
-from beltcomm.plant.drive_section import IDEAL, Instruments
+from beltcomm.plant import IDEAL, Instruments, Plant
 from beltcomm.virtual.bus import LockstepBus
 from beltcomm.virtual.cia402 import DriveState
 from beltcomm.virtual.dictionary import NonVolatile, ObjectDictionary, SdoAbort, Value

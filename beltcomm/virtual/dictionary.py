@@ -162,27 +162,69 @@ class ObjectDictionary:
         self._indices = {index for (index, _), entry in self._entries.items() if entry.row.access != "none"}
 
     def entry(self, index: int, subindex: int = 0) -> ObjectEntry:
-        """One entry, seen or not, for the drive itself."""
+        """One entry, seen or not, for the drive itself.
+
+        Parameters
+        ----------
+        index : int
+        subindex : int
+        """
         return self._entries[index, subindex]
 
     def has(self, index: int, subindex: int = 0) -> bool:
-        """True if the drive has this object, or the quantity without one."""
+        """True if the drive has this object, or the quantity without one.
+
+        Parameters
+        ----------
+        index : int
+        subindex : int
+        """
         return (index, subindex) in self._entries
 
     def seen(self, index: int, subindex: int = 0) -> ObjectEntry:
-        """One entry as a master sees it; raises SdoAbort when there is none."""
+        """One entry as a master sees it.
+
+        Parameters
+        ----------
+        index : int
+        subindex : int
+
+        Raises
+        ------
+        SdoAbort
+            When there is none.
+        """
         found = self._entries.get((index, subindex))
         if found is None or found.row.access == "none":
             raise SdoAbort(SdoAbort.NO_SUBINDEX if index in self._indices else SdoAbort.NO_OBJECT)
         return found
 
     def alias(self, index: int, subindex: int, other: ObjectEntry) -> None:
-        """Give a quantity a second number."""
+        """Give a quantity a second number.
+
+        Parameters
+        ----------
+        index : int
+        subindex : int
+        other : ObjectEntry
+            Both numbers lead to it.
+        """
         self._entries[index, subindex] = _Alias(index, subindex, other)
         self._indices.add(index)
 
     def read(self, index: int, subindex: int) -> bytes:
-        """Value as the bytes of an upload; raises SdoAbort."""
+        """Value as the bytes of an upload.
+
+        Parameters
+        ----------
+        index : int
+        subindex : int
+
+        Raises
+        ------
+        SdoAbort
+            When there is none, or none to read.
+        """
         entry = self.seen(index, subindex)
         row = entry.row
         if row.access == "wo":
@@ -192,7 +234,21 @@ class ObjectDictionary:
         return struct.pack(row.code, entry.value)
 
     def write(self, index: int, subindex: int, data: bytes, sized: bool = True) -> None:
-        """Store the bytes of a download; raises SdoAbort.  ``sized`` False: the client has not told the length."""
+        """Store the bytes of a download.
+
+        Parameters
+        ----------
+        index : int
+        subindex : int
+        data : bytes
+        sized : bool
+            False: the client has not told the length.
+
+        Raises
+        ------
+        SdoAbort
+            When there is none, none to write, or another length.
+        """
         entry = self.seen(index, subindex)
         row = entry.row
         if row.access in ("ro", "const"):
@@ -206,7 +262,18 @@ class ObjectDictionary:
             entry.changed()
 
     def store(self, entry: ObjectEntry, value: Any) -> None:
-        """Check a written value against range and drive state and keep it; raises SdoAbort.  ``changed`` is not called."""
+        """Check a written value against range and drive state and keep it; ``changed`` is not called.
+
+        Parameters
+        ----------
+        entry : ObjectEntry
+        value : Any
+
+        Raises
+        ------
+        SdoAbort
+            When it must not be so, or not now.
+        """
         row = entry.row
         if row.when != "any" and self.stage_on and (row.when == "off" or self.moving):
             raise SdoAbort(SdoAbort.WRONG_STATE)
@@ -223,6 +290,8 @@ class ObjectDictionary:
 
         Parameters
         ----------
+        unit : str
+            As the rows of the dictionary name it.
         factor : float
             New user units per old one. An end of the type's range is "off" and stays.
         """
@@ -239,6 +308,7 @@ class ObjectDictionary:
 
         Parameters
         ----------
+        stored : NonVolatile
         communication_only : bool
             Only the parameters of CiA 301, as after a reset of the communication.
         """
@@ -247,7 +317,13 @@ class ObjectDictionary:
                 entry.value = stored.get(key, entry.row.default)
 
     def save(self, stored: NonVolatile) -> None:
-        """Keep every stored object's value."""
+        """Keep every stored object's value.
+
+        Parameters
+        ----------
+        stored : NonVolatile
+            Emptied before.
+        """
         stored.clear()
         stored.update({key: entry.value for key, entry in self._entries.items() if entry.row.stored})
 

@@ -54,7 +54,13 @@ class ErrorRegister:
         self._active: set[int] = set()
 
     def raise_error(self, code: int) -> None:
-        """A fault of the drive: register, list, 603Fh and one message."""
+        """A fault of the drive: register, list, 603Fh and one message.
+
+        Parameters
+        ----------
+        code : int
+            Of the emergency message.
+        """
         if code in self._active:
             return
         self._active.add(code)
@@ -64,7 +70,13 @@ class ErrorRegister:
         self._send(struct.pack("<HB5x", code, self._register.value))
 
     def report(self, code: int) -> None:
-        """Something went wrong once and is over: a message and a line in the list, no fault."""
+        """Something went wrong once and is over: a message and a line in the list, no fault.
+
+        Parameters
+        ----------
+        code : int
+            Of the emergency message.
+        """
         self._note(code)
         self._send(struct.pack("<HB5x", code, self._register.value | _register_bits(code)))
 

@@ -16,7 +16,7 @@ from typing import Any
 from beltcomm.configfiles import config_names, find_config, named_file, read_yaml
 from beltcomm.control import Cascade, Feedforward
 from beltcomm.errors import UsageError
-from beltcomm.plant.drive_section import IDEAL, Instruments
+from beltcomm.plant import IDEAL, Instruments
 from beltcomm.virtual.dictionary import ObjectDictionary, ObjectRow
 from beltcomm.virtual.objects import PDO_COUNT, PDO_INVALID, PDO_NO_RTR, parameter
 from beltcomm.virtual.pdo import EVERY_TYPE, PdoRules
@@ -113,11 +113,11 @@ def _profile(name: str, facts: Mapping[str, Any]) -> VirtualProfile:
         vendor_bits=facts.get("vendor_bits", False),
         tells_zero=facts.get("tells_zero", False),
         peak_torque_units=units.get("peak_torque", 0.0),
-        aliases=tuple((place(a), place(b)) for a, b in facts.get("aliases", {}).items()),
+        aliases=tuple((_place(a), _place(b)) for a, b in facts.get("aliases", {}).items()),
     )
 
 
-def place(text: str) -> Place:
+def _place(text: str) -> Place:
     """``30A2:1`` as index and subindex; a subindex that is not there is 0."""
     index, _, subindex = str(text).partition(":")
     return int(index, 16), int(subindex or "0", 16)
@@ -128,7 +128,7 @@ class _Loop:
 
     def __init__(self, facts: Mapping[str, Mapping[str, Any]]) -> None:
         self._facts = facts
-        self.places = {role: place(fact["object"]) for role, fact in facts.items() if "object" in fact}
+        self.places = {role: _place(fact["object"]) for role, fact in facts.items() if "object" in fact}
         self.indices = tuple({index for index, _ in self.places.values()})
 
     def unit(self, role: str, motor: Nameplate) -> float:
@@ -246,7 +246,7 @@ def _changed(rows: list[ObjectRow], facts: Mapping[str, Any], node_id: int, moto
     """The rows as these facts want them."""
     found = {(row.index, row.subindex): row for row in rows}
     for text, change in facts.get("objects", {}).items():
-        where = place(text)
+        where = _place(text)
         fields = {key: change[key] for key in ("low", "high", "pdo", "access", "when") if key in change}
         if "type" in change:
             fields["kind"] = change["type"]
@@ -255,7 +255,7 @@ def _changed(rows: list[ObjectRow], facts: Mapping[str, Any], node_id: int, moto
         old = found.get(where, ObjectRow(*where, change.get("type", "u32"), "rw", 0, "maker's", stored=True))
         found[where] = replace(old, **fields)
     for text in facts.get("without", ()):
-        index, subindex = place(text)
+        index, subindex = _place(text)
         for where in [w for w in found if w[0] == index and (":" not in str(text) or w[1] == subindex)]:
             found[where] = replace(found[where], access="none")
     _shape_pdos(found, facts.get("pdo", {}))

@@ -38,7 +38,12 @@ class OperationMode:
         """Take the axis over as it moves now."""
 
     def control(self, controlword: int) -> None:
-        """A controlword was written while the operation is enabled."""
+        """A controlword was written while the operation is enabled.
+
+        Parameters
+        ----------
+        controlword : int
+        """
         self.controlword = controlword
 
     def step(self) -> float:
@@ -50,7 +55,13 @@ class OperationMode:
         return 0
 
     def object(self, index: int, subindex: int = 0) -> ObjectEntry:
-        """An object in user units, looked up once."""
+        """An object in user units, looked up once.
+
+        Parameters
+        ----------
+        index : int
+        subindex : int
+        """
         return self.loops.dictionary.entry(index, subindex)
 
 

@@ -85,7 +85,14 @@ class ReferenceProfile:
         self.run([])
 
     def run(self, segments: list[Segment], end: float | None = None) -> None:
-        """Follow ``segments`` from the present reference on; ``end`` is their exact end position."""
+        """Follow segments from the present reference on.
+
+        Parameters
+        ----------
+        segments : list of Segment
+        end : float or None, rad, motor shaft
+            Exact end position; None where the segments tell it.
+        """
         self._segments = segments
         self._end = end
         self._start = (self.position, self.speed)
@@ -128,7 +135,16 @@ class Ramp:
         self.slope = 0.0
 
     def step(self, target: float, rising: float, falling: float) -> None:
-        """One tick; ``rising`` is the slope away from zero, ``falling`` towards it, per second.  Zero takes no time."""
+        """One tick towards a target; passing zero takes no time.
+
+        Parameters
+        ----------
+        target : float
+        rising : float, per second
+            Slope away from zero, above 0.
+        falling : float, per second
+            Slope towards zero, above 0.
+        """
         before = value = self.value
         left = self._tick_s
         if value * target < 0.0 or abs(target) < abs(value):
@@ -156,7 +172,15 @@ class Interpolator:
         self._left = 0
 
     def step(self, position: float, speed: float, ticks: int) -> None:
-        """One tick towards the present setpoint."""
+        """One tick towards the present setpoint.
+
+        Parameters
+        ----------
+        position : float
+        speed : float
+        ticks : int
+            In which a new setpoint is reached.
+        """
         if position != self._target_position or speed != self._target_speed:
             self._target_position, self._target_speed = position, speed
             self._left = ticks

@@ -309,7 +309,12 @@ class PdoSet:
         self._sort()
 
     def set_operational(self, operational: bool) -> None:
-        """PDOs live in the NMT state operational only; what was waiting is forgotten."""
+        """PDOs live in the NMT state operational only; what was waiting is forgotten.
+
+        Parameters
+        ----------
+        operational : bool
+        """
         self._operational = operational
         for pdo in (*self._receive, *self._transmit):
             pdo.restart()
@@ -328,7 +333,12 @@ class PdoSet:
             call()
 
     def on_tick(self, tick: int) -> None:
-        """Event-driven transmit PDOs."""
+        """Event-driven transmit PDOs.
+
+        Parameters
+        ----------
+        tick : int
+        """
         for pdo in self._event_transmit:
             pdo.on_tick(tick)
 

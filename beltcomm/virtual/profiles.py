@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from beltcomm.control import Cascade, Feedforward, Prefilter, PrefilterKind
-from beltcomm.plant.drive_section import IDEAL, Instruments
+from beltcomm.plant import IDEAL, Instruments
 from beltcomm.virtual.dictionary import ObjectDictionary, ObjectRow
 from beltcomm.virtual.objects import communication_rows, drive_rows, motion_rows, parameter, pdo_rows, standard_rows
 from beltcomm.virtual.pdo import EVERY_TYPE, PdoRules
@@ -41,7 +41,13 @@ class UserUnits:
     ramp_to_rad_s: float = 0.0
 
     def acceleration_of(self, value: float) -> float:
-        """An acceleration object's value in rad/s²."""
+        """An acceleration object's value in rad/s².
+
+        Parameters
+        ----------
+        value : float, user units
+            A time where the drive states ramps as times.
+        """
         if self.ramp_to_rad_s:
             return 1e3 * self.ramp_to_rad_s / max(value, 1.0)
         return value / self.acceleration

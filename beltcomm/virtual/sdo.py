@@ -61,7 +61,12 @@ class SdoServer:
         self._toggle = 0
 
     def answer(self, request: bytes) -> list[bytes]:
-        """The answer to a request of 8 bytes; nothing to what needs none (an abort, a frame of another length)."""
+        """The answer to a request of 8 bytes; nothing to what needs none (an abort, a frame of another length).
+
+        Parameters
+        ----------
+        request : bytes
+        """
         if len(request) != 8:
             return []
         command = request[0] >> 5
@@ -185,7 +190,18 @@ class BlockDownload:
         self.done = False
 
     def take(self, request: bytes) -> list[bytes]:
-        """A segment, or the end of the transfer."""
+        """A segment, or the end of the transfer.
+
+        Parameters
+        ----------
+        request : bytes
+            8 bytes.
+
+        Returns
+        -------
+        list of bytes
+            Answers, empty within a block.
+        """
         if self._complete:
             return self._end(request)
         number = request[0] & 0x7F
@@ -233,7 +249,18 @@ class BlockUpload:
         self.done = False
 
     def take(self, request: bytes) -> list[bytes]:
-        """Start of the transfer, acknowledgement of a block, or of the end."""
+        """Start of the transfer, acknowledgement of a block, or of the end.
+
+        Parameters
+        ----------
+        request : bytes
+            8 bytes.
+
+        Returns
+        -------
+        list of bytes
+            A block, its end, or nothing.
+        """
         command = request[0]
         if self._ending and command == 0xA1:
             self.done = True

@@ -28,11 +28,21 @@ class CanInterface(Protocol):
     """A CAN interface: one of python-can's, or :class:`beltcomm.virtual.slcan.SlcanAdapter`."""
 
     def recv(self, timeout: float) -> can.Message | None:
-        """The next frame of another process; None when none came in ``timeout`` s."""
+        """The next frame of another process; None when none came in time.
+
+        Parameters
+        ----------
+        timeout : float, s
+        """
         ...
 
     def send(self, message: can.Message) -> None:
-        """Put a frame on the bus."""
+        """Put a frame on the bus.
+
+        Parameters
+        ----------
+        message : can.Message
+        """
         ...
 
 

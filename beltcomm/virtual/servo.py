@@ -11,11 +11,10 @@ from collections.abc import Callable
 from math import floor
 
 from beltcomm.plant import Plant
-from beltcomm.virtual.cia402 import DriveState, DriveStateMachine
+from beltcomm.virtual.cia402 import DriveState, DriveStateMachine, Guidance
 from beltcomm.virtual.dictionary import ObjectDictionary, SdoAbort
 from beltcomm.virtual.emcy import Code, ErrorRegister
 from beltcomm.virtual.faults import Faults
-from beltcomm.virtual.guidance import Guidance
 from beltcomm.virtual.homing import Homing
 from beltcomm.virtual.loops import STANDSTILL_RAD_S, Loops
 from beltcomm.virtual.modes import (
@@ -171,7 +170,12 @@ class Servo:
         self._on_mode()
 
     def latch(self, tick: int) -> None:
-        """t_k: sample, supervise, publish."""
+        """t_k: sample, supervise, publish.
+
+        Parameters
+        ----------
+        tick : int
+        """
         now_s = self._now_s = tick / self._ticks_per_second
         loops, stage, encoder, dictionary = self._loops, self._stage, self._encoder, self._dictionary
         before = encoder.angle_rad
@@ -247,13 +251,27 @@ class Servo:
         self._stage.run(torque_nm, self._now_s)
 
     def fault(self, code: int, coast: bool) -> None:
-        """Go into fault with this EMCY code; brake first unless ``coast``."""
+        """Go into fault with this EMCY code.
+
+        Parameters
+        ----------
+        code : int
+            Of the emergency message.
+        coast : bool
+            The stage does not brake.
+        """
         self._errors.raise_error(code)
         self.machine.fault(coast)
         self._publish_status()
 
     def communication_lost(self, code: int) -> None:
-        """The master is gone or has stopped the node: a fault while the motor carries torque, else only a message."""
+        """The master is gone or has stopped the node: a fault while the motor carries torque, else only a message.
+
+        Parameters
+        ----------
+        code : int
+            Of the emergency message.
+        """
         if self._faults.guarding_ignored and code == Code.LIFE_GUARD:
             return
         option = _FAULT if self._loss is None else self._loss.value

@@ -44,7 +44,17 @@ class ByteLine(Protocol):
         ...
 
     def write(self, data: bytes) -> int:
-        """Send; returns how many bytes were taken."""
+        """Send.
+
+        Parameters
+        ----------
+        data : bytes
+
+        Returns
+        -------
+        int
+            Bytes that were taken.
+        """
         ...
 
     def forget(self) -> None:
@@ -186,7 +196,12 @@ class SlcanAdapter:
         self.lost = 0
 
     def recv(self, timeout: float) -> can.Message | None:
-        """The next frame from the host; None when none is complete after ``timeout`` s, or sooner."""
+        """The next frame from the host; None when none is complete after it, or sooner.
+
+        Parameters
+        ----------
+        timeout : float, s
+        """
         if not self._received:
             self._pass_on()
             readable, _, _ = select.select([self._line], [], [], max(timeout, 0.0))
@@ -195,7 +210,12 @@ class SlcanAdapter:
         return self._received.popleft() if self._received else None
 
     def send(self, message: can.Message) -> None:
-        """A frame to the host, while the channel is open."""
+        """A frame to the host, while the channel is open.
+
+        Parameters
+        ----------
+        message : can.Message
+        """
         if not self._open:
             return
         if len(self._waiting) > _LONGEST_QUEUE:

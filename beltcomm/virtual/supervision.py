@@ -53,6 +53,8 @@ class Supervision:
             Lower, upper.
         homing : bool
             A switch is looked for.
+        follows_position : bool
+            A following error counts.
         """
         loops = self._loops
         speed = loops.speed_rad_s

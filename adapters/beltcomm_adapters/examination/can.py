@@ -81,8 +81,7 @@ def examine_can(
         if address.interface == "slcan" and isinstance(error.__cause__, Exception):
             yield not_opened(wire.AREA, address.channel, error.__cause__, group_of(address.channel))
             return
-        problem, remedy = error.fault_and_remedy
-        yield wire.unreachable("interface", problem, remedy)
+        yield wire.unreachable("interface", *error.fault_and_remedy)
         return
     reached = True
     try:
@@ -121,7 +120,6 @@ def examine_bus(
     bus : BusABC
         Open.
     clock : Clock
-        Of the bus.
     asked_node : int or None
         Its number; None for any.
     bitrate : int or None
@@ -160,8 +158,7 @@ def examine_bus(
         chosen = as_the_drive_is(objects, choose_profile(identity, profile))
         objects.locks.add(chosen.never_write)
     except BusError as error:
-        problem, remedy = error.fault_and_remedy
-        yield wire.unreachable("interface", problem, remedy)
+        yield wire.unreachable("interface", *error.fault_and_remedy)
         return
     except DriveError as error:  # it answers, but not as CANopen demands
         problem, remedy = error.fault_and_remedy

@@ -18,7 +18,7 @@ _HISTORY: Final = 4
 _MOVED: Final = (State.SWITCHED_ON, State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
 
 
-def state(patient: Patient) -> Iterator[Finding]:
+def _state(patient: Patient) -> Iterator[Finding]:
     """The state of CiA 402; a fault with its code from 603Fh."""
     word = patient.statusword
     now = patient.state
@@ -40,7 +40,7 @@ def state(patient: Patient) -> Iterator[Finding]:
         yield Finding(AREA, "state", "ok", f"the drive is in {shown}, no fault", "", values)
 
 
-def register(patient: Patient) -> Iterator[Finding]:
+def _register(patient: Patient) -> Iterator[Finding]:
     """1001h: the groups of errors that are present, the temperature by itself."""
     bits = patient.objects.read_int(0x1001, 0, "uint8")
     groups = [name for bit, name in enumerate(_REGISTER) if bits >> bit & 1]
@@ -59,7 +59,7 @@ def register(patient: Patient) -> Iterator[Finding]:
         yield Finding(AREA, "temperature", "ok", f"no over-temperature is reported (1001h bit 3){shown}")
 
 
-def history(patient: Patient) -> Iterator[Finding]:
+def _history(patient: Patient) -> Iterator[Finding]:
     """1003h: errors since it was cleared, youngest first."""
     count = patient.objects.read_if_there(0x1003, 0, "uint8")
     if count is None:
@@ -76,4 +76,4 @@ def history(patient: Patient) -> Iterator[Finding]:
     )  # fmt: skip
 
 
-CHECKS: Final = (Check(AREA, "state", state), Check(AREA, "error register", register), Check(AREA, "error history", history))
+CHECKS: Final = (Check(AREA, "state", _state), Check(AREA, "error register", _register), Check(AREA, "error history", _history))

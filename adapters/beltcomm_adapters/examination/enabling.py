@@ -17,7 +17,7 @@ _NO_VOLTAGE: Final = 10.0
 _FAULTS: Final = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 
 
-def control(patient: Patient) -> Iterator[Finding]:
+def _control(patient: Patient) -> Iterator[Finding]:
     """Statusword bit 9 and the enable logic: does the drive obey the bus?"""
     remote = bool(patient.statusword & _REMOTE)
     logic = patient.profile.enable_logic
@@ -61,7 +61,7 @@ def _dc_link(patient: Patient) -> Iterator[Finding]:
         yield Finding(AREA, "dc link", "ok" if millivolts is not None else "unknown", shown, "", values)
 
 
-def ready(patient: Patient) -> Iterator[Finding]:
+def _ready(patient: Patient) -> Iterator[Finding]:
     """The drive's own word whether it could be enabled, where its profile names one; the reason it is not."""
     place = patient.signal("ready_for_enable")
     if place is None:
@@ -89,7 +89,7 @@ def ready(patient: Patient) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def inputs(patient: Patient) -> Iterator[Finding]:
+def _inputs(patient: Patient) -> Iterator[Finding]:
     """Digital inputs that must be high before the stage may be switched on, where the profile names their bits."""
     place = patient.signal("enable_inputs")
     if place is None:
@@ -115,8 +115,8 @@ def inputs(patient: Patient) -> Iterator[Finding]:
 
 
 CHECKS: Final = (
-    Check(AREA, "control", control),
+    Check(AREA, "control", _control),
     Check(AREA, "dc link", _dc_link),
-    Check(AREA, "ready", ready),
-    Check(AREA, "inputs", inputs),
+    Check(AREA, "ready", _ready),
+    Check(AREA, "inputs", _inputs),
 )

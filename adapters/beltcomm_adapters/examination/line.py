@@ -33,11 +33,22 @@ class PortLike(Protocol):
     """As much of pyserial's port as is used here."""
 
     def read(self, size: int = 1) -> bytes:
-        """At most ``size`` bytes, fewer when none come within the port's time-out."""
+        """Bytes that have come, fewer than asked for when no more come within the port's time-out.
+
+        Parameters
+        ----------
+        size : int
+            At most.
+        """
         ...
 
     def write(self, data: bytes, /) -> int | None:
-        """Send."""
+        """Send.
+
+        Parameters
+        ----------
+        data : bytes
+        """
         ...
 
     def reset_input_buffer(self) -> None:

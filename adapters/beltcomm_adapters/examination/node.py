@@ -15,14 +15,13 @@ from beltcomm_adapters.examination.wire import listen, state_name
 
 AREA: Final = "node"
 _SERVO_PROFILE: Final = 402
-_PRE_OPERATIONAL, _OPERATIONAL = 0x7F, 0x05
 _GUARD_WAIT_S: Final = 0.1
 _READS: Final = 50
 #: s: a drive that needs longer slows every write and read; one that takes a whole time-out has lost a frame.
 _SLOW_S, _LOST_S = 0.05, 0.3
 
 
-def identity(patient: Patient) -> Iterator[Finding]:
+def _identity(patient: Patient) -> Iterator[Finding]:
     """1000h, 1008h, 1018h, and the profile they lead to."""
     one, profile = patient.identity, patient.profile
     kind = int(one["device_type"].rstrip("h"), 16) & 0xFFFF
@@ -57,7 +56,7 @@ def identity(patient: Patient) -> Iterator[Finding]:
         )
 
 
-def nmt(patient: Patient) -> Iterator[Finding]:
+def _nmt(patient: Patient) -> Iterator[Finding]:
     """NMT state: from heartbeats, else from node guarding where asking arms nothing."""
     objects, link = patient.objects, patient.link
     heartbeat_ms = objects.read_if_there(0x1017, 0, "uint16") or 0
@@ -76,7 +75,7 @@ def nmt(patient: Patient) -> Iterator[Finding]:
         yield Finding(AREA, "nmt", "ok", f"NMT state {state_name(patient.nmt)}", "", values)
 
 
-def answering(patient: Patient) -> Iterator[Finding]:
+def _answering(patient: Patient) -> Iterator[Finding]:
     """Round trip of 50 reads of 6041h."""
     clock = patient.link.clock
     times = []
@@ -97,4 +96,4 @@ def answering(patient: Patient) -> Iterator[Finding]:
         yield Finding(AREA, "answers", "ok", text, "", values)
 
 
-CHECKS: Final = (Check(AREA, "identity", identity), Check(AREA, "nmt", nmt), Check(AREA, "answers", answering))
+CHECKS: Final = (Check(AREA, "identity", _identity), Check(AREA, "nmt", _nmt), Check(AREA, "answers", _answering))

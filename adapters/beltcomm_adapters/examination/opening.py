@@ -21,7 +21,7 @@ _OPERATIONAL: Final = 0x05
 _OFF: Final = (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.FAULT)
 
 
-def opened(patient: Patient) -> Iterator[Finding]:
+def _opened(patient: Patient) -> Iterator[Finding]:
     """Capabilities as a command reads them; what can be done with the gains."""
     if patient.scaling is None:
         return  # told under units
@@ -62,7 +62,7 @@ def _gains_finding(found: Capabilities) -> Finding:
     )  # fmt: skip
 
 
-def records(patient: Patient) -> Iterator[Finding]:
+def _records(patient: Patient) -> Iterator[Finding]:
     """PDOs and limits of a record, tried and put back."""
     if patient.scaling is None:
         return
@@ -83,4 +83,4 @@ def _why_not(patient: Patient) -> str:
     return ""
 
 
-CHECKS: Final = (Check(GAINS, "opening", opened), Check(AREA, "mapping", records))
+CHECKS: Final = (Check(GAINS, "opening", _opened), Check(AREA, "mapping", _records))

@@ -66,7 +66,13 @@ class Patient:
         return state_of(self.statusword)
 
     def signal(self, name: str) -> tuple[int, int] | None:
-        """(index, subindex) of one of the profile's ``signals``, None where the profile names none."""
+        """(index, subindex) of one of the profile's ``signals``, None where the profile names none.
+
+        Parameters
+        ----------
+        name : str
+            As in the profile.
+        """
         entry = self.profile.signals.get(name)
         return None if entry is None else (entry["index"], entry.get("subindex", 0))
 

@@ -12,7 +12,7 @@ AREA: Final = "place"
 _LOWER, _UPPER = 0x1, 0x2  # 60FDh
 
 
-def zero(patient: Patient) -> Iterator[Finding]:
+def _zero(patient: Patient) -> Iterator[Finding]:
     """Zero of the drive, known or not, and its position, rad at the motor shaft."""
     units = patient.objects.read_int(0x6064, 0, "int32")
     values: Values = {"position_units": units}
@@ -82,4 +82,4 @@ def _software_limits(patient: Patient) -> Iterator[Finding]:
         )
 
 
-CHECKS: Final = (Check(AREA, "zero", zero), Check(AREA, "end switches", _switches), Check(AREA, "software limits", _software_limits))
+CHECKS: Final = (Check(AREA, "zero", _zero), Check(AREA, "end switches", _switches), Check(AREA, "software limits", _software_limits))

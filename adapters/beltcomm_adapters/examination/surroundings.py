@@ -68,10 +68,10 @@ def surroundings(
         Tells which of them have a device; None asks them.
     """
     host = host or Host()
-    reasons = (backends or importable)()
+    reasons = (backends or _importable)()
     yield from _socketcan(host)
     yield from _ports(list_ports())
-    yield from _python_can(reasons, detect or detected)
+    yield from _python_can(reasons, detect or _detected)
 
 
 def _socketcan(host: Host) -> Iterator[Finding]:
@@ -218,7 +218,7 @@ def _kept_log() -> Iterator[_Kept]:
 
 
 @cache  # a library complains at its first import only
-def importable() -> dict[str, str]:
+def _importable() -> dict[str, str]:
     """Interfaces of python-can: why each cannot be used here, "" where it can."""
     reasons = {}
     for name, (module, attribute) in BACKENDS.items():
@@ -232,7 +232,7 @@ def importable() -> dict[str, str]:
     return reasons
 
 
-def detected(interfaces: list[str]) -> list[dict[str, Any]] | None:
+def _detected(interfaces: list[str]) -> list[dict[str, Any]] | None:
     """Adapters that python-can finds at these interfaces; None when the search does not end in time."""
     found: list[dict[str, Any]] = []
 

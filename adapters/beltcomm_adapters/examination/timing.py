@@ -23,7 +23,7 @@ _MANY: Final = 0.01
 _JITTER_SHARE: Final = 0.25  # of a period: beyond it the regression drops the sample
 
 
-def sync(patient: Patient) -> Iterator[Finding]:
+def _sync(patient: Patient) -> Iterator[Finding]:
     """Every SYNC must be answered once, in its own period."""
     if reason := _why_not(patient):
         yield Finding(AREA, "sync", "unknown", f"SYNC was not tried: {reason}")
@@ -79,4 +79,4 @@ def _why_not(patient: Patient) -> str:
     return ""
 
 
-CHECKS: Final = (Check(AREA, "sync", sync),)
+CHECKS: Final = (Check(AREA, "sync", _sync),)

@@ -50,7 +50,7 @@ def _gear_ratio(patient: Patient) -> float:
     return parts[0] / parts[1] if parts[0] and parts[1] else 1.0
 
 
-def modes(patient: Patient) -> Iterator[Finding]:
+def _modes(patient: Patient) -> Iterator[Finding]:
     """6502h against what beltcomm moves the axis with."""
     has = supported_modes(patient.objects, patient.profile)
     told = "6502h" if patient.objects.read_if_there(0x6502, 0, "uint32") is not None else "its profile, it has no 6502h"
@@ -68,7 +68,7 @@ def modes(patient: Patient) -> Iterator[Finding]:
         yield Finding(AREA, "modes", "ok", text, "", values)
 
 
-def period(patient: Patient) -> Iterator[Finding]:
+def _period(patient: Patient) -> Iterator[Finding]:
     """60C2h against what the bus can carry."""
     stored_s = sync_period_s(patient.objects)
     after_reset = patient.profile.sync_change == "after_reset"
@@ -93,4 +93,4 @@ def period(patient: Patient) -> Iterator[Finding]:
         yield Finding(AREA, "sync period", "ok", text + ("" if after_reset else ", set by beltcomm for each record"), "", values)
 
 
-CHECKS: Final = (Check(AREA, "position", _scaling), Check(AREA, "modes", modes), Check(AREA, "sync period", period))
+CHECKS: Final = (Check(AREA, "position", _scaling), Check(AREA, "modes", _modes), Check(AREA, "sync period", _period))

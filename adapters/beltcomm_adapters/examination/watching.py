@@ -20,7 +20,7 @@ _WINDOW_OFF: Final = 0xFFFFFFFF
 _INVALID: Final = 1 << 31
 
 
-def host(patient: Patient) -> Iterator[Finding]:
+def _host(patient: Patient) -> Iterator[Finding]:
     """Would the drive stop the axis when this computer dies?"""
     objects = patient.objects
     consumer = patient.profile.guarding == "heartbeat" and objects.read_if_there(0x1016, 1, "uint32") is not None
@@ -97,7 +97,7 @@ def _following_error(patient: Patient) -> Iterator[Finding]:
         )
 
 
-def leftovers(patient: Patient) -> Iterator[Finding]:
+def _leftovers(patient: Patient) -> Iterator[Finding]:
     """Settings that beltcomm makes for a record and takes back: found now, a run was cut off."""
     objects = patient.objects
     left = []
@@ -118,4 +118,4 @@ def leftovers(patient: Patient) -> Iterator[Finding]:
         yield Finding(AREA, "leftovers", "ok", "no settings of a run that was cut off")
 
 
-CHECKS: Final = (Check(AREA, "host", host), Check(AREA, "following error", _following_error), Check(AREA, "leftovers", leftovers))
+CHECKS: Final = (Check(AREA, "host", _host), Check(AREA, "following error", _following_error), Check(AREA, "leftovers", _leftovers))

@@ -52,7 +52,7 @@ WORDS: Final[dict[Trouble, tuple[str, str]]] = {
 }
 
 
-def trouble_of(frame: can.Message) -> Trouble:
+def _trouble_of(frame: can.Message) -> Trouble:
     """Trouble that an error frame tells."""
     bits = frame.arbitration_id
     if bits & _BUS_OFF:
@@ -64,9 +64,9 @@ def trouble_of(frame: can.Message) -> Trouble:
     return "bit_errors" if bits & (_PROTOCOL | _BUS_ERROR) else "other"
 
 
-def worst(frames: Iterable[can.Message]) -> Trouble | None:
+def _worst(frames: Iterable[can.Message]) -> Trouble | None:
     """The worst of what these error frames tell, None when there are none."""
-    seen = {trouble_of(frame) for frame in frames}
+    seen = {_trouble_of(frame) for frame in frames}
     return next((trouble for trouble in ORDER if trouble in seen), None)
 
 
@@ -103,7 +103,7 @@ class Heard:
     @property
     def trouble(self) -> Trouble | None:
         """The worst that error frames told."""
-        return worst(self.errors)
+        return _worst(self.errors)
 
     @property
     def commanded(self) -> bool:
@@ -129,7 +129,6 @@ def listen(bus: can.BusABC, clock: Clock, seconds: float) -> Heard:
     bus : BusABC
         Open.
     clock : Clock
-        Of the bus.
     seconds : float, s
         How long.
 
@@ -266,9 +265,7 @@ def first_word(bus: can.BusABC, clock: Clock, node: int) -> Trouble | None:
     bus : BusABC
         Open.
     clock : Clock
-        Of the bus.
     node : int
-        Its number.
 
     Returns
     -------
@@ -300,7 +297,6 @@ def answering(bus: can.BusABC, clock: Clock) -> list[int]:
     bus : BusABC
         Open.
     clock : Clock
-        Of the bus.
 
     Raises
     ------
@@ -329,7 +325,6 @@ def silence(bus: can.BusABC, clock: Clock, heard: Heard, node: int | None, rate:
     bus : BusABC
         Open.
     clock : Clock
-        Of the bus.
     heard : Heard
         Before anybody was asked.
     node : int or None
@@ -398,7 +393,6 @@ def bit_rates(address: Address, opener: Opener, clock: Clock) -> Iterator[Findin
     opener : Opener
         Opens the bus at a bit rate.
     clock : Clock
-        Of the bus.
     """
     if address.interface == "socketcan":
         rates = " ".join(str(rate) for rate in _BITRATES)
