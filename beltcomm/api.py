@@ -598,6 +598,11 @@ def simulate(
     -------
     Result
         The recordings made.
+
+    Raises
+    ------
+    UsageError
+        For another experiment, and for a plant, an axis or a setting that cannot be.
     """
     options, talk, axis, run = given(options), talk or Silence(), axis_of(axis), place(run)
     if experiment not in ("frf", "friction_sweep", "trajectory"):

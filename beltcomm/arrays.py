@@ -1,4 +1,4 @@
-"""Types of arrays, the spread of one that outliers do not move, and the runs of a mask."""
+"""Types of arrays, root mean square and decibels of one, its spread that outliers do not move, and the runs of a mask."""
 
 from typing import Any
 
@@ -11,6 +11,38 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 #: Numbers of any type, or texts: a column as a file has it.
 Column = NDArray[Any]
+
+
+def rms(values: Array) -> float:
+    """Root mean square.
+
+    Parameters
+    ----------
+    values : ndarray
+        Of any unit; one at least.
+
+    Returns
+    -------
+    float
+        In their unit.
+    """
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def decibels(ratio: Array | ComplexArray) -> Array:
+    """Size of a ratio, dB.
+
+    Parameters
+    ----------
+    ratio : ndarray of float or complex
+        None of them 0.
+
+    Returns
+    -------
+    ndarray
+        20 log10 of their sizes.
+    """
+    return 20.0 * np.log10(np.abs(ratio))
 
 
 def robust_deviation(values: Array) -> float:
@@ -27,6 +59,23 @@ def robust_deviation(values: Array) -> float:
         1.4826 times the median of their sizes, in their unit.
     """
     return 1.4826 * float(np.median(np.abs(values)))
+
+
+def later(values: Array, samples: int) -> Array:
+    """Values so many samples later.
+
+    Parameters
+    ----------
+    values : ndarray (n,)
+    samples : int
+        0 to n.
+
+    Returns
+    -------
+    ndarray (n,)
+        The first value before.
+    """
+    return np.concatenate((np.full(samples, values[0]), values[: len(values) - samples])) if samples else values
 
 
 def runs_of(mask: BoolArray) -> list[tuple[int, int]]:

@@ -29,7 +29,6 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
     Parameters
     ----------
     path : Path
-        Of the file.
 
     Yields
     ------
@@ -66,7 +65,6 @@ def appending(path: Path) -> int:
     Parameters
     ----------
     path : Path
-        Of the file.
 
     Returns
     -------
@@ -91,7 +89,6 @@ def append_line(path: Path, text: str) -> None:
     Parameters
     ----------
     path : Path
-        Of the file.
     text : str
         Without its end of line.
 
@@ -122,7 +119,6 @@ def write(path: Path, data: bytes) -> None:
     Parameters
     ----------
     path : Path
-        Of the file.
     data : bytes
         All of its content.
 

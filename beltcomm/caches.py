@@ -52,7 +52,6 @@ def found(path: Path, key: str) -> dict[str, Any] | None:
     Parameters
     ----------
     path : Path
-        Of the file.
     key : str
         Of what was asked: another one's content is not used.
 
@@ -79,7 +78,6 @@ def damaged(path: Path) -> None:
     Parameters
     ----------
     path : Path
-        Of the file.
     """
     tell(f"{path} is damaged; it is thrown away and made again.")
     with suppress(OSError):  # made again it is all the same

@@ -9,6 +9,7 @@ import difflib
 import errno
 import hashlib
 import json
+import math
 import os
 import re
 from collections.abc import Iterable, Mapping
@@ -194,7 +195,6 @@ def read_yaml(path: Path, failure: type[BeltcommError] = UsageError) -> dict[str
     Parameters
     ----------
     path : Path
-        Of the file.
     failure : type of BeltcommError
         Raised for what cannot be used.
 
@@ -257,7 +257,6 @@ def line_of(path: Path, keys: tuple[str, ...]) -> int:
     Parameters
     ----------
     path : Path
-        Of the file.
     keys : tuple of str
         From the outermost.
     """
@@ -338,7 +337,6 @@ def write_text(path: Path, text: str | Iterable[str]) -> None:
     Parameters
     ----------
     path : Path
-        Of the file.
     text : str or Iterable[str]
         Or pieces of it, of which only one is in memory.
 
@@ -371,6 +369,17 @@ def _plain(value: Any) -> Any:
     if value is None or isinstance(value, (bool, int, float)):
         return value
     raise TypeError(f"{type(value).__name__} cannot be written to YAML")
+
+
+def is_number(value: object) -> bool:
+    """True for a finite number that is no bool.
+
+    Parameters
+    ----------
+    value : object
+        Of a settings file, of any type.
+    """
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def without_halves(text: str) -> str:

@@ -98,6 +98,7 @@ _REVISION = {
     **{"": None, **dict.fromkeys(("name", "parent", "change", "command", "when"), str)},
     **{"effects": [str], "data": {str: str}, "ratio": SIZE, "held_out?": SIZE, "confirmed?": bool},
     **{"cost?": _COST, "plain?": _PLAIN, "plain_held_out?": _PLAIN},
+    **{"bands?": [_PLAIN], "bands_held_out?": [_PLAIN]},
 }
 _EXPERIMENT = {"title": str, "rms_nm?": SIZE} | dict.fromkeys(
     ("travel_m", "reach_m", "speed_m_s", "torque_nm", "belt_force_n", "seconds"), SIZE
@@ -157,7 +158,7 @@ _WORDS = {float: "a number", int: "a whole number", str: "a text", bool: "true o
 
 
 def check_content(what: str, content: Mapping[str, Any], path: Path) -> None:
-    """Raise DataError, with the value and the type it must have, for a file that does not hold what is read of it.
+    """Check that a file holds what is read of it.
 
     Parameters
     ----------
@@ -167,6 +168,11 @@ def check_content(what: str, content: Mapping[str, Any], path: Path) -> None:
         As it was read.
     path : Path
         Of the file, for the sentence.
+
+    Raises
+    ------
+    DataError
+        With the value and the type it must have.
     """
     if wrong := next(faults(content, TYPES.get(what) or TYPES.get(what.partition("_")[0], object), ""), ""):
         again = "run `beltcomm design` again" if what == "designs" else "bring it back, or delete it and make it again"
@@ -178,6 +184,7 @@ def faults(value: Any, kind: Any, at: str) -> Iterator[str]:
 
     Parameters
     ----------
+    value : Any
     kind : Any
         A type as in :data:`TYPES`.
     at : str

@@ -74,7 +74,7 @@ class _Progress:
         """Left out."""
 
 
-def hidden(seed: int) -> tuple[str, Model]:
+def _hidden(seed: int) -> tuple[str, Model]:
     """The fault of a seed, and the shipped plant's model with it."""
     random = np.random.default_rng(seed)
     name = str(random.choice(sorted(FAULTS)))
@@ -88,8 +88,6 @@ def hidden(seed: int) -> tuple[str, Model]:
 def demo(run: Path, *, seed: int, talk: Talk | None = None) -> Iterator[DemoStep]:
     """Measure, compare, diagnose, add, look, in less than a minute, one :class:`DemoStep` after the other; the last tells what was hidden.
 
-    Raises what the commands raise.
-
     Parameters
     ----------
     run : Path
@@ -98,9 +96,14 @@ def demo(run: Path, *, seed: int, talk: Talk | None = None) -> Iterator[DemoStep
         Of the fault.
     talk : Talk or None
         Hears progress; None says nothing.
+
+    Raises
+    ------
+    Refused
+        When the search does not find it; else as the commands.
     """
     talk = _Progress(talk or Silence())
-    name, model = hidden(seed)
+    name, model = _hidden(seed)
     machine = _plant_of(run, model)
     drive = f"virtual:{machine}"
     api.identify(drive, AXIS, run, options=_options(model, seed), talk=talk)
@@ -155,7 +158,7 @@ def demo(run: Path, *, seed: int, talk: Talk | None = None) -> Iterator[DemoStep
     ladder = api.ladder(run)
     yield DemoStep(f"beltcomm ladder {pasted(run)}", tr("All of it as a staircase down to the noise."), ladder.text)
     yield DemoStep(
-        "", tr("What was hidden"), answer(name, model, added, run), {"hidden": name, "named": list(added), "right": name in added}
+        "", tr("What was hidden"), _answer(name, model, added, run), {"hidden": name, "named": list(added), "right": name in added}
     )
 
 
@@ -182,7 +185,7 @@ def _pictures(made: Sequence[str], run: Path) -> list[str]:
     return [tr("Before and after, as a picture: {file}", file=run / name) for name in made]
 
 
-def answer(name: str, model: Model, added: Sequence[str], run: Path) -> list[str]:
+def _answer(name: str, model: Model, added: Sequence[str], run: Path) -> list[str]:
     """Fault that was built into the axis, and what was found of it."""
     effect = effect_named(name)
     amounts = (with_unit(f"{key.partition('.')[2]} {model[key]:.3g}", model.parameters[key].unit) for key in effect.full_names())

@@ -200,7 +200,6 @@ def may_write(file: Path, yes: bool, talk: Talk) -> None:
     yes : bool
         True for a consent given before.
     talk : Talk
-        Hears progress and answers questions.
 
     Raises
     ------

@@ -29,12 +29,27 @@ from beltcomm.talk import Silence, Talk
 def improve(
     run: Place, drive: str | None = None, *, options: Options | None = None, command: str = "", when: str = "", talk: Talk | None = None
 ) -> Result:
-    """Diagnose, add what is confirmed, design, with a ``drive`` verify.   Exit code 1: nothing was named, or a target is missed.
+    """Diagnose, add what is confirmed, design, with a ``drive`` verify.
 
     Parameters
     ----------
+    run : Place
+    drive : str or None
+        As of ``--drive``; without one nothing moves and the design is not verified.
+    options : Options or None
     command, when : str
-        Noted with the revisions. Raises what the single functions raise.
+        Noted with the revisions.
+    talk : Talk or None
+
+    Returns
+    -------
+    Result
+        Exit code 1: nothing was named, or a target is missed.
+
+    Raises
+    ------
+    Refused
+        For a run without a model; else as the single functions.
     """
     options, talk, run = given(options), talk or Silence(), place(run)
     if "final" not in RunFolder.open(run).names("models"):
@@ -85,18 +100,28 @@ def improve(
 
 
 def _nothing(run: Any, data: Mapping[str, Any], found: Result, named: list[str]) -> Result:
-    """Nothing was confirmed, so nothing is changed."""
-    verdict = data["verdict"]
-    fine = verdict == "nothing missing"
-    state = (tr("NOTHING MISSING"), "good") if fine else (tr("NOT IMPROVED"), "note")
-    said = tr("the model explains what was measured") if fine else str(verdict)
-    said += tr(": not sure enough to be added: {names}", names=", ".join(named)) if named else ""
+    """Nothing was confirmed, so nothing is changed: why, and what a person can do who believes it all the same."""
+    verdict, names = data["verdict"], ", ".join(named)
+    step = NextCommand(f"beltcomm compare {pasted(run)}", tr("where the error sits"))
+    if verdict == "nothing missing":
+        state, said = (tr("NOTHING MISSING"), "good"), tr("the model explains what was measured")
+        step = NextCommand(f"beltcomm open {pasted(run)}", tr("other gains on a page"))
+    elif not named:
+        state, said = (tr("NOT IMPROVED"), "note"), tr("no effect was named; what diagnose says of it: --details")
+    else:
+        judged = any(one["held_out_gain"] is not None for one in data["ranking"] if one["effect"] in named)
+        state = (tr("NOT ADDED"), "note")
+        said = tr("{names}: these records cannot tell it from another effect", names=names)
+        if verdict != "cannot tell":
+            against = tr("{names}: held-out records do not confirm it", names=names)
+            said = against if judged else tr("{names}: no held-out record confirms it", names=names)
+            step = NextCommand(f"beltcomm add {named[0]} {pasted(run)}", tr("fits everything again with it, on your word"))
     text = [Line(""), Line("  ", state, "   ", (said, "title")), Line("")]
-    step = NextCommand(f"beltcomm open {pasted(run)}", tr("other gains on a page"))
-    if not fine:
-        step = NextCommand(f"beltcomm compare {pasted(run)}", tr("where the error sits"))
+    if named and verdict != "cannot tell" and not judged:
+        text += [Line("   ", tr("a second sweep (`beltcomm friction`) is held out and would judge it"))]
     text += screens.next_lines(step)
-    return Result({"run": str(run), "added": [], "verdict": verdict}, text, 0 if fine else 1, details=[*found.text, *found.details])
+    code = 0 if verdict == "nothing missing" else 1
+    return Result({"run": str(run), "added": [], "verdict": verdict}, text, code, details=[*found.text, *found.details])
 
 
 def _ratios(made: Sequence[Mapping[str, Any]], every: Sequence[Revision]) -> tuple[float, float]:

@@ -42,7 +42,7 @@ def start(command: Sequence[str]) -> subprocess.Popen[bytes]:
         When it cannot be started.
     """
     quiet = subprocess.DEVNULL
-    return subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet, env=environment())
+    return subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet, env=_environment())
 
 
 def piped(command: Sequence[str], **variables: str) -> subprocess.Popen[bytes]:
@@ -60,7 +60,7 @@ def piped(command: Sequence[str], **variables: str) -> subprocess.Popen[bytes]:
     OSError
     """
     quiet = subprocess.DEVNULL
-    return subprocess.Popen(command, stdin=quiet, stdout=subprocess.PIPE, stderr=quiet, env={**environment(), **variables})
+    return subprocess.Popen(command, stdin=quiet, stdout=subprocess.PIPE, stderr=quiet, env={**_environment(), **variables})
 
 
 def session(command: Sequence[str]) -> subprocess.Popen[bytes]:
@@ -81,7 +81,7 @@ def session(command: Sequence[str]) -> subprocess.Popen[bytes]:
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
-        env={**environment(), "PYTHONUNBUFFERED": "1"},
+        env={**_environment(), "PYTHONUNBUFFERED": "1"},
         start_new_session=True,
     )
 
@@ -109,7 +109,7 @@ def run(command: Sequence[str], limit_s: float) -> subprocess.CompletedProcess[b
         When it does not end in time.
     """
     quiet = subprocess.DEVNULL
-    return subprocess.run(command, stdin=quiet, capture_output=True, timeout=limit_s, env=environment(), check=False)
+    return subprocess.run(command, stdin=quiet, capture_output=True, timeout=limit_s, env=_environment(), check=False)
 
 
 def beside(target: Callable[..., None], *given: object) -> tuple[BaseProcess, Connection]:
@@ -146,7 +146,7 @@ def python(module: str, *words: str) -> list[str]:
     return [sys.executable, "-P", "-c", _BEGIN, json.dumps(_search_path()), module, *words]
 
 
-def environment() -> dict[str, str]:
+def _environment() -> dict[str, str]:
     """That of every child: Python adds no working directory to where it looks, and nobody else looks there for programs."""
     lists = {name: os.pathsep.join(filter(os.path.isabs, os.environ[name].split(os.pathsep))) for name in _LISTS if name in os.environ}
     return {**os.environ, **lists, "PYTHONSAFEPATH": "1"}
@@ -156,7 +156,7 @@ def environment() -> dict[str, str]:
 def children_apart() -> Iterator[None]:
     """Isolate processes that a library starts meanwhile."""
     before = {name: os.environ.get(name) for name in (*_LISTS, "PYTHONSAFEPATH")}
-    os.environ.update(environment())
+    os.environ.update(_environment())
     try:
         yield
     finally:

@@ -57,7 +57,6 @@ def take(path: Path, refusal: Callable[[str], str], waiting: Callable[[str], obj
     Parameters
     ----------
     path : Path
-        Of the file.
     refusal : callable
         The sentence for a lock that is held, from the words for who holds it.
     waiting : callable
@@ -99,7 +98,6 @@ def occupied(
     folder : Path
         Of the run.
     talk : Talk
-        Hears progress and answers questions.
     refusal : callable
         The sentence where somebody else is in it; None waits, which is said.
     session : bool

@@ -14,6 +14,7 @@ import os
 import stat
 import zlib
 from collections.abc import Iterator
+from contextlib import contextmanager
 from io import BufferedReader
 from pathlib import Path
 from typing import Any, Final
@@ -39,7 +40,6 @@ def opened(
     Parameters
     ----------
     path : Path
-        Of the file.
     most : int
         Bytes.
     failure : type of BeltcommError
@@ -80,7 +80,6 @@ def read_bytes(path: Path, most: int = SETTINGS_BYTES, failure: type[BeltcommErr
     Parameters
     ----------
     path : Path
-        Of the file.
     most : int, bytes
         That are read.
     failure : type of BeltcommError
@@ -103,7 +102,6 @@ def read_text(path: Path, most: int = SETTINGS_BYTES, failure: type[BeltcommErro
     Parameters
     ----------
     path : Path
-        Of the file.
     most : int, bytes
         That are read.
     failure : type of BeltcommError
@@ -123,7 +121,6 @@ def read_json(path: Path) -> Any:
     Parameters
     ----------
     path : Path
-        Of the file.
 
     Raises
     ------
@@ -160,7 +157,6 @@ def sha256_of(path: Path) -> str:
     Parameters
     ----------
     path : Path
-        Of the file.
 
     Raises
     ------
@@ -169,6 +165,28 @@ def sha256_of(path: Path) -> str:
     """
     with opened(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+@contextmanager
+def unpacked(path: Path, most: int = MEASURED_BYTES) -> Iterator[Any]:
+    """A file to read bytes from, a gzip file's unpacked.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file, packed or not.
+    most : int, bytes
+        Of the file as it is.
+
+    Raises
+    ------
+    OSError, DataError
+        As :func:`opened`.
+    """
+    with opened(path, most) as file:
+        packed = file.read(2) == b"\x1f\x8b"
+        file.seek(0)
+        yield gzip.GzipFile(fileobj=file) if packed else file
 
 
 def blocks(path: Path, most: int = MEASURED_BYTES) -> Iterator[bytes]:
@@ -193,10 +211,7 @@ def blocks(path: Path, most: int = MEASURED_BYTES) -> Iterator[bytes]:
     DataError
         When there are more than ``most``, see :func:`opened`.
     """
-    with opened(path, most) as file:
-        packed = file.read(2) == b"\x1f\x8b"
-        file.seek(0)
-        source: Any = gzip.GzipFile(fileobj=file) if packed else file
+    with unpacked(path, most) as source:
         total = 0
         while block := source.read(_BLOCK):
             total += len(block)

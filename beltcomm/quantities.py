@@ -9,6 +9,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 from beltcomm.errors import UsageError
 
@@ -21,53 +22,60 @@ class Unit:
     ----------
     symbol : str
         As printed.
-    others : Mapping[str, float]
-        Other spellings and units of the quantity -> factor to SI.
+    spellings : Mapping[str, float]
+        Units of the quantity as they are written -> factor to SI.
     """
 
     symbol: str
-    others: Mapping[str, float]
+    spellings: Mapping[str, float]
+
+    @cached_property
+    def others(self) -> Mapping[str, float]:
+        """The units in small letters without blanks -> factor to SI."""
+        return {plain_spelling(unit).lower(): factor for unit, factor in self.spellings.items()}
 
 
 #: Decimals of an error in mm.
 FINEST = 4
 
-_INERTIA = {"kgm2": 1.0, "kgcm2": 1e-4, "kgmm2": 1e-6, "gcm2": 1e-7}
+_INERTIA = {"kg m²": 1.0, "kg cm²": 1e-4, "kg mm²": 1e-6, "g cm²": 1e-7}
 _ANGLE = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0, "°": math.pi / 180.0, "rev": math.tau}
-_LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
-_TORQUE = {"nm": 1.0, "ncm": 1e-2, "mnm": 1e-3, "knm": 1e3, "lbin": 0.112984829, "lbft": 1.355817948, "ozin": 0.00706155181}
+_LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "µm": 1e-6}
+_POUND_N, _KILOGRAM_N = 4.4482216152605, 9.80665
+_TORQUE = {
+    **{"N m": 1.0, "N cm": 1e-2, "mN m": 1e-3, "kN m": 1e3, "daN m": 10.0, "kgf m": _KILOGRAM_N, "kgf cm": 1e-2 * _KILOGRAM_N},
+    **{"lb in": 0.0254 * _POUND_N, "lb ft": 0.3048 * _POUND_N, "oz in": 0.0254 * _POUND_N / 16.0},
+}
+_TURNS = ("rpm", "1/min", "min-1", "r/min", "U/min")
 
 #: Suffix of a name -> its unit.
 UNITS: Mapping[str, Unit] = {
-    "s": Unit("s", {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}),
+    "s": Unit("s", {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "ns": 1e-9, "min": 60.0}),
     "m": Unit("m", _LENGTH),
     "m_s": Unit("m/s", {f"{name}/s": factor for name, factor in _LENGTH.items()} | {"m/min": 1.0 / 60.0}),
-    "m_s2": Unit("m/s²", {f"{name}/s2": factor for name, factor in _LENGTH.items()}),
-    "m_s3": Unit("m/s³", {f"{name}/s3": factor for name, factor in _LENGTH.items()}),
+    "m_s2": Unit("m/s²", {f"{name}/s²": factor for name, factor in _LENGTH.items()}),
+    "m_s3": Unit("m/s³", {f"{name}/s³": factor for name, factor in _LENGTH.items()}),
     "rad": Unit("rad", _ANGLE),
-    "rad_s": Unit(
-        "rad/s",
-        {f"{name}/s": factor for name, factor in _ANGLE.items()}
-        | {"rpm": math.tau / 60.0, "1/min": math.tau / 60.0, "r/min": math.tau / 60.0, "u/min": math.tau / 60.0},
-    ),
+    "rad_s": Unit("rad/s", {f"{name}/s": factor for name, factor in _ANGLE.items()} | dict.fromkeys(_TURNS, math.tau / 60.0)),
     "deg": Unit("°", {"deg": 1.0, "°": 1.0, "rad": 180.0 / math.pi, "rev": 360.0}),
-    "deg_s": Unit("°/s", {"deg/s": 1.0, "°/s": 1.0, "rad/s": 180.0 / math.pi} | dict.fromkeys(("rpm", "1/min", "r/min", "u/min"), 6.0)),
-    "deg_s2": Unit("°/s²", {"deg/s2": 1.0, "°/s2": 1.0, "rad/s2": 180.0 / math.pi}),
-    "deg_s3": Unit("°/s³", {"deg/s3": 1.0, "°/s3": 1.0, "rad/s3": 180.0 / math.pi}),
+    "deg_s": Unit("°/s", {"deg/s": 1.0, "°/s": 1.0, "rad/s": 180.0 / math.pi} | dict.fromkeys(_TURNS, 6.0)),
+    "deg_s2": Unit("°/s²", {"deg/s²": 1.0, "°/s²": 1.0, "rad/s²": 180.0 / math.pi}),
+    "deg_s3": Unit("°/s³", {"deg/s³": 1.0, "°/s³": 1.0, "rad/s³": 180.0 / math.pi}),
     "nm": Unit("N m", _TORQUE),
-    "nm_a": Unit("N m/A", {f"{name}/a": factor for name, factor in _TORQUE.items()}),
+    "nm_a": Unit("N m/A", {f"{name}/A": factor for name, factor in _TORQUE.items()}),
     "nm_rad": Unit("N m/rad", {f"{name}/rad": factor for name, factor in _TORQUE.items()}),
-    "nm_s_rad": Unit("N m s/rad", {f"{name}s/rad": factor for name, factor in _TORQUE.items()}),
-    "n": Unit("N", {"n": 1.0, "kn": 1e3, "mn": 1e-3}),
-    "n_m": Unit("N/m", {"n/m": 1.0, "n/mm": 1e3, "kn/m": 1e3, "n/um": 1e6, "kn/mm": 1e6}),
-    "n_a": Unit("N/A", {"n/a": 1.0, "kn/a": 1e3}),
-    "a": Unit("A", {"a": 1.0, "ma": 1e-3}),
-    "v": Unit("V", {"v": 1.0, "mv": 1e-3}),
+    "nm_s_rad": Unit("N m s/rad", {f"{name} s/rad": factor for name, factor in _TORQUE.items()}),
+    "n": Unit("N", {"N": 1.0, "kN": 1e3, "mN": 1e-3, "daN": 10.0, "kgf": _KILOGRAM_N}),
+    "n_m": Unit("N/m", {"N/m": 1.0, "N/mm": 1e3, "kN/m": 1e3, "N/µm": 1e6, "kN/mm": 1e6}),
+    "n_a": Unit("N/A", {"N/A": 1.0, "kN/A": 1e3}),
+    "a": Unit("A", {"A": 1.0, "mA": 1e-3}),
+    "v": Unit("V", {"V": 1.0, "mV": 1e-3}),
     "kg": Unit("kg", {"kg": 1.0, "g": 1e-3, "t": 1e3}),
     "kg_m2": Unit("kg m²", _INERTIA),
-    "hz": Unit("Hz", {"hz": 1.0, "khz": 1e3}),
-    "c": Unit("°C", {"c": 1.0, "°c": 1.0}),
+    "hz": Unit("Hz", {"Hz": 1.0, "kHz": 1e3}),
+    "c": Unit("°C", {"C": 1.0, "°C": 1.0}),
 }
+_RAISED = str.maketrans("²³¹⁻µμ", "231-uu")
 _BY_LENGTH = sorted(UNITS, key=len, reverse=True)
 
 
@@ -156,6 +164,17 @@ def mm(value_m: float) -> str:
     return f"{in_mm(value_m)} mm".removeprefix("- mm") or "-"
 
 
+def plain_spelling(text: str) -> str:
+    """A unit without blanks, dots, raised digits and the rms of amperes: ``kgcm2`` of ``kg·cm²``.
+
+    Parameters
+    ----------
+    text : str
+        As it was typed.
+    """
+    return re.sub(r"(?<=/A)_?rms$", "", re.sub(r"[\s·*^]", "", text), flags=re.IGNORECASE).translate(_RAISED)
+
+
 def parse_quantity(text: str, name: str) -> float:
     """The SI value of a text such as ``0.3``, ``300mm`` or ``0.449 kg cm²``.
 
@@ -171,28 +190,70 @@ def parse_quantity(text: str, name: str) -> float:
     UsageError
         For text that is no such number, or a unit of another quantity, with the units that are understood.
     """
-    text = re.sub(r"^(\s*[-+]?\d+),(\d+)(?!\d*[.,])", _decimal_comma, text)
-    match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", text)
+    pointed = re.sub(r"^(\s*[-+]?\d+),(\d+)(?!\d*[.,])", _decimal_comma, text)
+    match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", pointed)
     unit = UNITS.get(suffix_of(name))
     symbol = f" in {unit.symbol}" if unit else ""
-    if re.match(r"\s*[-+]?\d*,\d", text):
+    if re.match(r"\s*[-+]?\d*,\d", pointed):
         raise UsageError(f"{name} is {text!r}; a comma before three digits may stand for thousands: write the decimal point as '.'")
     if match is None:
         raise UsageError(f"{name} is {text!r}; give a number{symbol}")
     value = float(match[1])
     if not math.isfinite(value):
         raise UsageError(f"{name} is {text[:20]!r}, more than a number can be; give a number{symbol}")
-    spelled = re.sub(r"[\s·*]", "", match[2]).replace("²", "2").replace("³", "3").replace("µ", "u").replace("μ", "u").lower()
+    spelled = plain_spelling(match[2])
     if not spelled:
         return value
-    if unit is None or spelled not in unit.others:
-        known = f"; understood are {', '.join(unit.others)}" if unit else ""
+    factor = unit.others.get(spelled.lower()) if unit else None
+    # any case is read, but M is mega and S siemens: 5 MN are not 5 mN
+    if unit is None or factor is None or spelled[0] in "MS":
+        small = [one for one in unit.spellings if plain_spelling(one).lower() == spelled.lower()] if unit else []
+        known = f"; is it {small[0]}?" if small else f"; understood are {', '.join(unit.spellings)}" if unit else ""
         raise UsageError(f"{name} is {text!r}; {match[2]!r} is not a unit of it{known}")
     # 15 digits are all that a decimal text determines: 570 mm is 0.57 m, not 0.5700000000000001 m
-    return float(f"{value * unit.others[spelled]:.15g}")
+    return float(f"{value * factor:.15g}")
 
 
 def _decimal_comma(found: re.Match[str]) -> str:
     """``0,449`` with a point; three digits behind a number that is not 0 may be thousands and stay as they are."""
     whole, rest = found[1], found[2]
     return found[0] if len(rest) == 3 and whole.strip().lstrip("+-") not in ("0", "00") else f"{whole}.{rest}"
+
+
+#: Bound of a torque or damping of a model, N m or N m s/rad, above which it is no friction and no ripple.
+_SMALL = 50.0
+
+
+def read_in(unit: str, bound: float = 0.0) -> tuple[float, str]:
+    """Factor and unit in which every screen and page has what acts on the motor: mN m and mN m s/rad for friction and ripple.
+
+    Gains (Kp in N m s/rad) and ratings are no such torques and stay in N m; files and ``--json`` are in SI.
+
+    Parameters
+    ----------
+    unit : str
+        SI, as of a parameter of a model.
+    bound : float
+        Highest possible value; a torque that may be as large as a rating stays in N m.
+
+    Returns
+    -------
+    factor : float
+    unit : str
+    """
+    return (1e3, f"m{unit}") if unit in ("N m", "N m s/rad") and bound <= _SMALL else (1.0, unit)
+
+
+def three_digits(value: float) -> str:
+    """Three digits, without powers of ten, as a screen shows a number; "-" for none.
+
+    Parameters
+    ----------
+    value : float
+        Of any unit.
+    """
+    if not math.isfinite(value):
+        return "-"
+    if value and abs(value) < 1e-3:
+        return f"{value:.1g}" if abs(value) >= 1e-4 else "0"
+    return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"

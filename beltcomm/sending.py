@@ -54,7 +54,6 @@ def reference_for(model: Model, cascade: Cascade, path: Trajectory, drive: Loop,
     Parameters
     ----------
     model : Model
-        Of the axis.
     cascade : Cascade
         As it runs in the drive.
     path : Trajectory
@@ -108,7 +107,6 @@ def predict_sent(
     Parameters
     ----------
     model : Model
-        Of the axis.
     cascade : Cascade
         That runs in the drive.
     sent : Sent
@@ -138,7 +136,6 @@ def predict_led(
     Parameters
     ----------
     model : Model
-        Of the axis.
     cascade : Cascade
         That runs in the drive.
     led : LedReference

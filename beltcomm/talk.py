@@ -60,29 +60,55 @@ class Talk(Protocol):
     """The other end of a conversation: a terminal, a log, a test.  Never carries results."""
 
     def phase(self, index: int, count: int, title: str) -> None:
-        """Phase ``index`` (from 1) of ``count`` begins; 0 where nobody knows how many there will be."""
-        ...
-
-    def progress(self, fraction: float, seconds_left: float | None) -> None:
-        """The present phase is done to ``fraction``, 0 to 1.
+        """Phase ``index`` of ``count`` begins.
 
         Parameters
         ----------
+        index : int
+            From 1.
+        count : int
+            0 where nobody knows how many there will be.
+        title : str
+        """
+        ...
+
+    def progress(self, fraction: float, seconds_left: float | None) -> None:
+        """The present phase is done to ``fraction``.
+
+        Parameters
+        ----------
+        fraction : float, 0 to 1
         seconds_left : float or None
             s on the machine, None when not known.
         """
         ...
 
     def moving(self, place: CarriagePosition) -> None:
-        """The carriage moves and is there now; told several times a second while a record is made."""
+        """The carriage moves and is there now; told several times a second while a record is made.
+
+        Parameters
+        ----------
+        place : CarriagePosition
+        """
         ...
 
     def say(self, *lines: str) -> None:
-        """Each one or more plain sentences, or a :class:`beltcomm.result.Row` of a table."""
+        """Text for who sits at the other end.
+
+        Parameters
+        ----------
+        *lines : str, one or more plain sentences each
+            A :class:`beltcomm.result.Row` of a table is one, too.
+        """
         ...
 
     def confirm(self, text: str) -> bool:
         """Ask a question that states what will happen; True only for an explicit yes.
+
+        Parameters
+        ----------
+        text : str
+            What will happen.
 
         Raises
         ------
@@ -102,7 +128,6 @@ def choose(talk: Talk, question: str, choices: Mapping[str, str]) -> str:
     Parameters
     ----------
     talk : Talk
-        Hears progress and answers questions.
     question : str
         A sentence.
     choices : dict of str to str
@@ -133,7 +158,6 @@ def found(talk: Talk, name: str, value: str) -> None:
     Parameters
     ----------
     talk : Talk
-        Hears progress and answers questions.
     name : str
         One word; said again it takes the place of the old.
     value : str

@@ -228,9 +228,7 @@ def predict_move(
     Parameters
     ----------
     model : Model
-        Of the axis.
     cascade : Cascade
-        The controller.
     trajectory : Trajectory
         At whatever period it is sent.
     drive : Loop
@@ -275,7 +273,6 @@ def predict_range(model: Model, predict: Callable[[Model, float], TrackingError]
     Parameters
     ----------
     model : Model
-        Of the axis.
     predict : callable
         Of a model and a stretch.
     """
@@ -384,7 +381,6 @@ def judge(
     Parameters
     ----------
     recording : Recording
-        The record.
     ratio : float
         i_t, m/rad.
     predicted : PredictedMove

@@ -11,13 +11,23 @@ import gc
 import os
 import signal
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from beltcomm import language
+
 # As the console command, and before numpy is loaded: two workers whose matrices wait for two threads each take several times as long.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
+@pytest.fixture(autouse=True)
+def english_after() -> Iterator[None]:
+    """A command sets the language of its environment for the whole process."""
+    yield
+    language.use("en")
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from beltcomm.axis import SECTIONS, Axis, AxisLimits, Belt, Coupling, Gearbox, Motor, Pulley, Travel, load_axis, save_axis
+from beltcomm.axis import SECTIONS, Axis, AxisLimits, Belt, Coupling, Gearbox, Motor, Pulley, Travel, axis_from_dict, load_axis, save_axis
 from beltcomm.axis.entries import TrajectoryLimits, entries_of
 from beltcomm.configfiles import config_names
 from beltcomm.errors import UsageError
@@ -205,3 +206,17 @@ def test_every_quantity_has_bounds_of_its_kind(tmp_path: Path, section: str, key
             load_axis(path)
     else:
         assert load_axis(path)
+
+
+@pytest.mark.parametrize(
+    ("key", "meant"),
+    [
+        ("kind", "transmission.kind=screw"),
+        ("rack", "transmission.kind=rack"),
+        ("rated_torque_nm", "motor.rated_torque_nm"),
+        ("moter", "motor"),
+    ],
+)
+def test_a_key_without_its_section_is_told_where_it_stands(key: str, meant: str) -> None:
+    with pytest.raises(UsageError, match=rf"unknown key '{key}', did you mean {re.escape(meant)}\?"):
+        axis_from_dict({key: "screw"})

@@ -13,7 +13,7 @@ import pytest
 from beltcomm import configfiles
 from beltcomm.configfiles import did_you_mean, find_config, line_of, read_yaml, to_yaml, write_text
 from beltcomm.errors import DataError, UsageError
-from beltcomm.quantities import in_other_unit, parse_quantity, unit_of
+from beltcomm.quantities import UNITS, in_other_unit, parse_quantity, unit_of
 
 
 def test_numbers_are_those_of_yaml_1_2_and_texts_stay_texts(tmp_path: Path) -> None:
@@ -110,6 +110,11 @@ def test_suggestions() -> None:
         ("3000 1/min", "speed_rad_s", 314.159265358979),
         ("90°", "angle_rad", math.pi / 2),
         ("430 mN m", "torque_nm", 0.43),
+        ("0.65 nm/a", "torque_constant_nm_a", 0.65),
+        ("0.65 Nm/Arms", "torque_constant_nm_a", 0.65),
+        ("5 KN", "force_n", 5000.0),
+        ("0.449 KG CM^2", "inertia_kg_m2", 44.9e-6),
+        ("3000 min⁻¹", "speed_rad_s", 314.159265358979),
         ("1e-3", "ratio", 1e-3),
         ("0,3", "position_m", 0.3),
     ],
@@ -123,14 +128,27 @@ def test_quantities_with_their_unit(text: str, name: str, value: float) -> None:
     [
         ("3,000", "position_m", "decimal point"),
         ("three", "position_m", "give a number in m"),
-        ("3 kg", "position_m", "'kg' is not a unit of it; understood are m, cm, mm, um"),
+        ("3 kg", "position_m", "'kg' is not a unit of it; understood are m, cm, mm, µm"),
         ("3 m", "ratio", "'m' is not a unit"),
+        ("3 MN", "force_n", "'MN' is not a unit of it; is it mN"),
+        ("3 MNm", "torque_nm", "'MNm' is not a unit of it; is it mN m"),
+        ("3 Mm", "position_m", "'Mm' is not a unit of it; is it mm"),
+        ("3 S", "time_s", "'S' is not a unit of it; is it s"),
+        ("3 Ms", "time_s", "'Ms' is not a unit of it; is it ms"),
+        ("3 nm", "torque_nm_a", "understood are N m/A, N cm/A, mN m/A"),
         ("", "position_m", "give a number"),
     ],
 )
 def test_what_is_no_quantity_is_refused(text: str, name: str, words: str) -> None:
     with pytest.raises(UsageError, match=words):
         parse_quantity(text, name)
+
+
+@pytest.mark.parametrize(("suffix", "unit"), [(suffix, unit) for suffix in UNITS for unit in UNITS[suffix].spellings])
+def test_every_unit_is_read_as_it_is_shown(suffix: str, unit: str) -> None:
+    wanted = UNITS[suffix].spellings[unit]
+    assert parse_quantity(f"1 {unit}", f"x_{suffix}") == pytest.approx(wanted, rel=1e-14)
+    assert parse_quantity(f"1 {unit.replace(' ', '').lower()}", f"x_{suffix}") == pytest.approx(wanted, rel=1e-14)
 
 
 def test_units_by_suffix() -> None:

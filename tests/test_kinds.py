@@ -21,10 +21,10 @@ from beltcomm.fit.start.model import start_model
 from beltcomm.model import build_model
 from beltcomm.pages.quantities import quantities_of
 from beltcomm.recording import Recording, Sidecar
-from beltcomm.report.page import svg_of
+from beltcomm.report.page import _svg_of
 from beltcomm.result import Line, Result, table
 from beltcomm.runfolder import RunFolder
-from beltcomm.sentences.own_words import aligned, lines_in, own_words, text_in
+from beltcomm.sentences.own_words import _aligned, lines_in, own_words, text_in
 from beltcomm.sentences.watch import COLUMNS, head_line, summary_lines
 from beltcomm.simulate.forward import rigid_force_n, simulate_torque
 from beltcomm.watching.drift import AxisDrift
@@ -137,7 +137,7 @@ def test_columns_stay_below_each_other() -> None:
     own = terms("rotary")
     rows = lines_in(own, [*table(["move", ">belt", "time"], [["a", "1000 N", "5 s"], ["b", "80 N", "12 s"]])])
     assert [row.rindex("  ") for row in rows] == [rows[0].rindex("  ")] * 3
-    assert aligned(own, "speed    up to 2 m/s      axis").index("axis") == "speed    up to 2 m/s      axis".index("axis")
+    assert _aligned(own, "speed    up to 2 m/s      axis").index("axis") == "speed    up to 2 m/s      axis".index("axis")
     line = Line(("carriage".ljust(12), ""), ("1 mm".ljust(8), ""), "ok")
     assert lines_in(own, [line])[0].index("ok") == line.index("ok")
 
@@ -257,7 +257,7 @@ def test_numbers_along_a_picture_go_with_its_unit(kind: str, label: str, said: s
     axes.set(xlabel="time in s", ylabel=label, ylim=(-0.1, 1.6))
     axes.set_yticks([0.0, 0.5, 1.0, 1.5])
     with pictures_in(terms(kind, 0.02)):
-        texts = re.findall(r">([^<>]+)<", text_in(terms(kind, 0.02), svg_of(drawn)))
+        texts = re.findall(r">([^<>]+)<", text_in(terms(kind, 0.02), _svg_of(drawn)))
     assert said in texts
     assert "time in s" in texts
     assert {"0", f"{last:.4g}"} <= set(texts)

@@ -5,20 +5,24 @@ from __future__ import annotations
 import ast
 import json
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
+import click
 import pytest
+from click.testing import CliRunner
 
 import beltcomm
 from beltcomm import language
 from beltcomm.axis import load_axis
 from beltcomm.axis.entries import SECTIONS, entries_of
+from beltcomm.cli.help import About, paragraphs
+from beltcomm.cli.main import COMMON, GROUPS, VERBS, cli
 from beltcomm.drive import open_drive
 from beltcomm.effects import EFFECTS
 from beltcomm.experiments.plan import commission_plan
 from beltcomm.experiments.plan_screen import plan_screen
 from beltcomm.laboratory.figures import PlainError
+from beltcomm.language import catalogue
 from beltcomm.sentences.laboratory import STATES, error_words
 from doctor.setups import SETUPS, called
 
@@ -39,16 +43,22 @@ def texts() -> set[str]:
 
 
 @pytest.fixture(params=language.OFFERED)
-def spoken(request: pytest.FixtureRequest) -> Iterator[str]:
+def spoken(request: pytest.FixtureRequest) -> str:
     language.use(request.param)
-    yield request.param
-    language.use("en")
+    return str(request.param)
 
 
 def test_every_text_of_the_screens_is_translated(spoken: str) -> None:
     known = language.catalogue(spoken)
     meanings = {entry.meaning for kind in SECTIONS.values() for entry in entries_of(kind).values()}
     assert sorted((texts() | meanings) - known.keys()) == []
+
+
+def test_every_help_is_translated(spoken: str) -> None:
+    verbs = [cli, *(cli.get_command(click.Context(cli), verb) for verb in VERBS)]
+    texts = {part for command in verbs for part in paragraphs(command) if not part.startswith("Example: ")} | set(About)
+    texts |= {text for one in verbs for param in one.params for text in (getattr(param, "help", ""), getattr(param, "brief", "")) if text}
+    assert sorted(texts - language.catalogue(spoken).keys()) == []
 
 
 def test_placeholders_are_the_same(spoken: str) -> None:
@@ -83,11 +93,8 @@ def test_a_line_keeps_its_indentation_and_its_mark(spoken: str) -> None:
 
 def test_a_sentence_nobody_knows_stays() -> None:
     language.use("de")
-    try:
-        assert language.told("the moon is full {now}") == "the moon is full {now}"
-        assert language.told("node 7 does not answer on can9 at 250 kbit/s") == "Knoten 7 antwortet nicht an can9 mit 250 kbit/s"
-    finally:
-        language.use("en")
+    assert language.told("the moon is full {now}") == "the moon is full {now}"
+    assert language.told("node 7 does not answer on can9 at 250 kbit/s") == "Knoten 7 antwortet nicht an can9 mit 250 kbit/s"
 
 
 def test_a_plan_in_another_language_is_a_screen(spoken: str) -> None:
@@ -120,3 +127,15 @@ def test_answers_of_the_laboratory_are_screens(spoken: str) -> None:
     assert not {"noise", "torque", "held"} & set(words.split())
     known = language.catalogue(spoken)
     assert sorted({word for word, _ in STATES.values()} - known.keys()) == []
+
+
+def test_help_speaks_german_on_the_same_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+    english = CliRunner().invoke(cli, ["--help"]).stdout
+    monkeypatch.setenv("BELTCOMM_LANG", "de")
+    german = CliRunner().invoke(cli, ["--help"]).stdout
+    assert len(german.splitlines()) == len(english.splitlines())
+    assert max(map(len, german.splitlines())) <= 80
+    whole = CliRunner().invoke(cli, ["--help-all"]).stdout
+    shown = "".join((german + whole).split())  # however the lines are broken
+    assert not [words for words in (*GROUPS, *VERBS.values(), *COMMON[:1]) if "".join(catalogue("de")[words].split()) not in shown]
+    assert CliRunner().invoke(cli, ["comission"]).stderr.startswith("beltcomm: einen Befehl 'comission' gibt es nicht; gemeint commission?")

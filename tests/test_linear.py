@@ -14,7 +14,7 @@ from beltcomm.errors import Refused, UsageError
 from beltcomm.model import Model, build_model
 from beltcomm.model.linear import (
     Oscillation,
-    equivalent_damping,
+    _equivalent_damping,
     fastest_rate,
     matrices,
     modes,
@@ -22,7 +22,7 @@ from beltcomm.model.linear import (
     sampled_response,
     state_space,
 )
-from beltcomm.model.statics import equilibrium, smooth_forces
+from beltcomm.model.statics import _smooth_forces, equilibrium
 from beltcomm.model.transfer import two_mass
 
 IT, INERTIA, MASS, C, D, DM, DC = 0.01242, 71.73e-6, 13.44, 203740.0, 20.0, 33.17, 226.42
@@ -92,8 +92,8 @@ def test_matrices_are_the_derivatives_of_the_forces() -> None:
     step = np.where(rotary, 1e-4, 1e-6)
     for i, h in enumerate(step):
         e = h * np.eye(len(step))[i]
-        stiffness = -(smooth_forces(model, rest + e, speeds) - smooth_forces(model, rest - e, speeds)) / (2 * h)
-        damping = -(smooth_forces(model, rest, speeds + e) - smooth_forces(model, rest, speeds - e)) / (2 * h)
+        stiffness = -(_smooth_forces(model, rest + e, speeds) - _smooth_forces(model, rest - e, speeds)) / (2 * h)
+        damping = -(_smooth_forces(model, rest, speeds + e) - _smooth_forces(model, rest, speeds - e)) / (2 * h)
         np.testing.assert_allclose(m.K[:, i], stiffness, rtol=1e-6, atol=1e-6 * np.abs(m.K).max())
         np.testing.assert_allclose(m.D[:, i], damping, rtol=1e-6, atol=1e-6 * np.abs(m.D).max())
 
@@ -220,7 +220,7 @@ def test_equivalent_damping_dissipates_what_the_friction_dissipates() -> None:
     amplitude, omega, n = 0.05, 20.0, 200_000
     speed = amplitude * omega * np.abs(np.cos(2 * math.pi * (np.arange(n) + 0.5) / n))
     work = np.mean((2.0 + 3.0 / (1.0 + (speed / 0.4) ** 2)) * speed) * 2 * math.pi / omega
-    assert equivalent_damping(level, amplitude, omega) * math.pi * amplitude**2 * omega == pytest.approx(work, rel=1e-6)
+    assert _equivalent_damping(level, amplitude, omega) * math.pi * amplitude**2 * omega == pytest.approx(work, rel=1e-6)
 
 
 def test_equilibrium_holds_the_weight() -> None:
@@ -236,7 +236,7 @@ def test_equilibrium_holds_the_weight() -> None:
 def test_equilibrium_of_the_full_rig_leaves_no_force() -> None:
     model = full_rig()
     rest = equilibrium(model, 0.4)
-    forces = smooth_forces(model, rest.positions, np.zeros(4))
+    forces = _smooth_forces(model, rest.positions, np.zeros(4))
     forces[0] += rest.torque_nm
     np.testing.assert_allclose(forces, 0.0, atol=1e-8)
     assert rest.torque_nm == pytest.approx(IT * 11.57 * 9.80665 * math.sin(0.4), rel=1e-9)

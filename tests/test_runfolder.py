@@ -10,7 +10,7 @@ import pytest
 
 from beltcomm.axis import Coupling, load_axis, save_axis
 from beltcomm.errors import DataError, NoMotion, UsageError
-from beltcomm.jobs.design import keep_replaced
+from beltcomm.jobs.design import _keep_replaced
 from beltcomm.recording import Recording, Sidecar
 from beltcomm.runfolder import RunFolder
 
@@ -68,10 +68,10 @@ def test_a_design_that_is_replaced_takes_the_next_free_name(tmp_path: Path) -> N
     run.save("designs", "replaced_2", designs["4"])
     for k, name in ((1, "replaced_1"), (2, "replaced_3")):
         run.save("designs", "final", designs[f"{k}"])
-        assert keep_replaced(run, designs["3"]) == f"designs/{name}.yaml"
+        assert _keep_replaced(run, designs["3"]) == f"designs/{name}.yaml"
         assert run.load("designs", name) == designs[f"{k}"]
     assert run.load("designs", "replaced_2") == designs["4"]
-    assert keep_replaced(run, designs["2"]) == ""
+    assert _keep_replaced(run, designs["2"]) == ""
 
 
 def test_missing_models_are_named_with_the_command_that_makes_them(tmp_path: Path) -> None:

@@ -16,11 +16,11 @@ from beltcomm.machine.machine import Machine
 from beltcomm.simulate.stopping import (
     SWING,
     Braking,
+    _predict_stop,
     braked_by_friction,
     braked_by_loop,
     braked_by_unknown_gains,
     first_deceleration,
-    predict_stop,
     rigid_deceleration,
     total_friction,
     total_inertia,
@@ -103,13 +103,13 @@ def test_the_hardest_stop_that_the_belt_bears(rig: str) -> None:
     model, speed = true_model(nominal(rig)), 1.3
     braking, stop = braked_by_loop([model], LOOPS[rig], AXIS, speed, reaction_s=0.005, **DRIVE)
     out_of = {"acceleration_m_s2": braking.acceleration_m_s2, **DRIVE}
-    harder = predict_stop(model, LOOPS[rig], speed, 1.1 * braking.deceleration_m_s2, **out_of)
+    harder = _predict_stop(model, LOOPS[rig], speed, 1.1 * braking.deceleration_m_s2, **out_of)
     assert stop.belt_force_n <= min(100.0, SWING * model["cart.mass"] * braking.deceleration_m_s2)
     assert harder.belt_force_n > 100.0 or braking.deceleration_m_s2 == pytest.approx(50.0)
     for lower in (0.1, 0.4, 0.8, 1.3):
-        slow = predict_stop(model, LOOPS[rig], lower, braking.deceleration_m_s2, **DRIVE)
+        slow = _predict_stop(model, LOOPS[rig], lower, braking.deceleration_m_s2, **DRIVE)
         assert slow.way_m <= braking.way_m(lower)
-    assert -predict_stop(model, LOOPS[rig], -speed, braking.deceleration_m_s2, **DRIVE).way_m == pytest.approx(-stop.way_m, rel=1e-3)
+    assert -_predict_stop(model, LOOPS[rig], -speed, braking.deceleration_m_s2, **DRIVE).way_m == pytest.approx(-stop.way_m, rel=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -121,7 +121,7 @@ class TunedDesign:
         return {
             "begin": lambda _: self.begin(),
             "update": self._with_setting(self.update),
-            "track": self._with_setting(self.track),
+            "track": self._with_setting(self._track),
             "reach": self._with_setting(lambda setting: plain(self.bench.reach(setting))),
             "preset": self._preset,
             "move": self.move,
@@ -129,7 +129,23 @@ class TunedDesign:
         }
 
     def move(self, asked: Any) -> dict[str, Any]:
-        """Another move, by its ends, m, and limits: from now on its error is predicted.   Raises UsageError for one that cannot be."""
+        """Another move, by its ends, m, and limits: from now on its error is predicted.
+
+        Parameters
+        ----------
+        asked : Any
+            Of the page: ends, m, and limits.
+
+        Returns
+        -------
+        dict of str to Any
+            ``move``: the move in words.
+
+        Raises
+        ------
+        UsageError
+            For a move that cannot be.
+        """
         moved = move_between(asked, self.bench.ground)
         self.bench.drive(moved)
         self._move_words = _move_words(moved, None)
@@ -163,7 +179,12 @@ class TunedDesign:
         }
 
     def update(self, setting: SliderSetting) -> dict[str, Any]:
-        """Gains, margins and curves of a setting beside the present design; ``refusal`` where it has none."""
+        """Gains, margins and curves of a setting beside the present design; ``refusal`` where it has none.
+
+        Parameters
+        ----------
+        setting : SliderSetting
+        """
         try:
             design, new, present = self.bench.shown(setting)
         except OutOfReach as problem:
@@ -181,7 +202,18 @@ class TunedDesign:
         }
 
     def measured(self, setting: SliderSetting, cascade: Cascade) -> dict[str, Any] | None:
-        """The open loops on the measured response nearest to the place that is looked at; None without one."""
+        """The open loops on the measured response nearest to the place that is looked at.
+
+        Parameters
+        ----------
+        setting : SliderSetting
+        cascade : Cascade
+
+        Returns
+        -------
+        dict of str to Any or None
+            Open loops, dB and degrees over Hz, with the record's name; None without a record at standstill.
+        """
         ratio = self.bench.ground.model["transmission.ratio"]
         standing = [r for r in self._basis.recordings if r.name in self._responses and not r.sidecar.moving]
         if not standing:
@@ -198,7 +230,7 @@ class TunedDesign:
             found[f"{name}_deg"] = _digits(np.degrees(np.angle(-values)) - 180.0)
         return found
 
-    def track(self, setting: SliderSetting) -> dict[str, Any]:
+    def _track(self, setting: SliderSetting) -> dict[str, Any]:
         """The predicted tracking error of the move; ``refusal`` where the setting has no design."""
         present = self.bench.present_tracked(setting.shown_kg)
         try:
@@ -222,7 +254,17 @@ class TunedDesign:
         ]
 
     def save(self, setting: SliderSetting) -> dict[str, Any]:
-        """The design of a setting, with its whole proof, as the run's design; the one before stays as ``designs/replaced_N.yaml``."""
+        """The design of a setting, with its whole proof, as the run's design; the one before stays as ``designs/replaced_N.yaml``.
+
+        Parameters
+        ----------
+        setting : SliderSetting
+
+        Returns
+        -------
+        dict of str to Any
+            Lines for the page, and ``failed`` where the proof fails.
+        """
         folder, ground = self._basis.folder, self.bench.ground
         RunFolder.open(folder.path)  # it may have gone since, and is not made anew
         found = self.bench.design(setting)

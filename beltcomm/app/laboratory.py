@@ -23,6 +23,7 @@ from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.errors import UsageError
 from beltcomm.given import pasted
 from beltcomm.laboratory.acceptance import EVIDENCE
+from beltcomm.quantities import read_in
 from beltcomm.residuals.candidates import CandidateEffect
 from beltcomm.residuals.cells import COORDINATES
 from beltcomm.residuals.responses import below, compared
@@ -147,7 +148,18 @@ class LaboratoryTab:
         return {"searched": self._searched, "candidates": [self._told(one, view, chosen, None) for one in told if one.evidence > EVIDENCE]}
 
     def segment(self, asked: Any) -> dict[str, Any]:
-        """Samples in a range of one coordinate, and candidates for their rest.   Raises UsageError for what is no range."""
+        """Samples in a range of one coordinate, and candidates for their rest.
+
+        Parameters
+        ----------
+        asked : Any
+            Of the page: the coordinate, its ends, and a record or none.
+
+        Raises
+        ------
+        UsageError
+            For what is no range.
+        """
         view = self._shown()
         along, low, high, record = _checked(asked, view)
         cells = view.cells
@@ -194,7 +206,18 @@ class LaboratoryTab:
         }
 
     def record(self, asked: Any) -> dict[str, Any]:
-        """Torque over time and frequency response of a record, measured and by the model.   Raises UsageError for none that is here."""
+        """Torque over time and frequency response of a record, measured and by the model.
+
+        Parameters
+        ----------
+        asked : Any
+            Of the page: the name of a record.
+
+        Raises
+        ------
+        UsageError
+            For none that is here.
+        """
         view = self._shown()
         name = _record_of(asked, view)
         trace = next(one for one in view.traces if one.record == name)
@@ -369,7 +392,7 @@ def _static(one: CandidateEffect, view: ResidualView) -> dict[str, Any]:
         "check": effect.check,
         "evidence": one.evidence,
         "likely": one.evidence > EVIDENCE,
-        "values": {name: [value, _unit(one.effect, name)] for name, value in one.values.items()},
+        "values": {name: [factor * value, unit] for name, value in one.values.items() for factor, unit in [_read_in(one.effect, name)]},
         "after": after,
         "ratio": math.sqrt(float(np.mean(one.left.astype(np.float64) ** 2))) if len(one.left) else None,
         "law": law,
@@ -381,16 +404,24 @@ def _in_own_units(parameters: Mapping[str, Any], terms: Terms) -> dict[str, Any]
     """Parameters as ``compare --json`` has them, in the units of the axis: on the page a value stands apart from its unit."""
     found = {}
     for name, one in parameters.items():
-        unit, interval = terms.shown(one["unit"]), one["interval"]
-        values = {"value": unit.factor * one["value"], "interval": None if interval is None else unit.factor * interval}
+        factor, symbol = read_in(one["unit"], _bound(*name.split(".", 1)))
+        unit, interval = terms.shown(symbol), one["interval"]
+        factor *= unit.factor
+        values = {"value": factor * one["value"], "interval": None if interval is None else factor * interval}
         found[name] = {**one, **values, "unit": unit.symbol}
     return found
 
 
-def _unit(effect: str, name: str) -> str:
-    own = {p.name: p.unit for p in effect_named(effect).parameters}
-    own |= {f"{b.name}.{b.inertia.name}": b.inertia.unit for b in effect_named(effect).bodies}
-    return own.get(name, "")
+def _bound(part: str, name: str) -> float:
+    """Highest possible value of a parameter of an effect; 0 of any other part of a model."""
+    return next((p.high for effect in EFFECTS if effect.name == part for p in effect.parameters if p.name == name), 0.0)
+
+
+def _read_in(effect: str, name: str) -> tuple[float, str]:
+    """Factor and unit of a value of an effect."""
+    own = {p.name: p for p in effect_named(effect).parameters}
+    own |= {f"{b.name}.{b.inertia.name}": b.inertia for b in effect_named(effect).bodies}
+    return read_in(own[name].unit, own[name].high) if name in own else (1.0, "")
 
 
 def _mean(values: Array, count: Array) -> float | None:

@@ -51,7 +51,18 @@ class RunsTab:
         return {"axis": name, "runs": found[-MOST:], "left_out": left_out}
 
     def curves(self, asked: Any) -> dict[str, Any]:
-        """Measured response and error of the last move of some runs, by name.   Raises UsageError for none that is beside this one."""
+        """Measured response and error of the last move of some runs, by name.
+
+        Parameters
+        ----------
+        asked : Any
+            ``names`` of runs beside this one, at most :data:`OVERLAID`.
+
+        Raises
+        ------
+        UsageError
+            For more, or none that is beside this one.
+        """
         names = asked.get("names") if isinstance(asked, dict) else None
         if not isinstance(names, list) or len(names) > OVERLAID:
             raise UsageError(f"curves are asked for by the names of at most {OVERLAID} runs")
@@ -64,7 +75,6 @@ def beside(run: Path, name: object) -> Path:
     Parameters
     ----------
     run : Path
-        Of the run folder.
     name : object
         As the page gave it.
 

@@ -88,6 +88,11 @@ class RunPage:
     def words(self, asked: Any) -> dict[str, Any]:
         """Texts of the page in the words and units of the kind of axis, as text and as label of an axis with its factor.
 
+        Parameters
+        ----------
+        asked : Any
+            ``texts``: a list of str.
+
         Raises
         ------
         UsageError

@@ -62,14 +62,38 @@ class VirtualSession:
         }
 
     def offers(self, run: Path) -> dict[str, Any]:
-        """Commands that can be started with the axis of a run, and on which virtual drives."""
+        """Commands that can be started with the axis of a run, and on which virtual drives.
+
+        Parameters
+        ----------
+        run : Path
+            Folder of the run.
+
+        Returns
+        -------
+        dict of str to Any
+            ``kinds`` and ``drives``: key to words.
+        """
         return {
             "kinds": {key: words for key, (words, _) in KINDS.items()},
             "drives": {key: words for key, (words, _) in _drives(run).items()},
         }
 
     def start(self, run: Path, asked: Any) -> dict[str, Any]:
-        """Start one on the axis of a run, in a new folder beside it.   Raises UsageError while one runs, and for what is not offered."""
+        """Start one on the axis of a run, in a new folder beside it.
+
+        Parameters
+        ----------
+        run : Path
+            Folder of the run whose axis.yaml counts.
+        asked : Any
+            ``kind`` and ``drive`` as offered, ``realtime``: bool.
+
+        Raises
+        ------
+        UsageError
+            While one runs, and for what is not offered.
+        """
         if not isinstance(asked, dict) or set(asked) != {"kind", "drive", "realtime"} or not isinstance(asked["realtime"], bool):
             raise UsageError("a session is started by kind, drive and realtime")
         if asked["kind"] not in list(KINDS):

@@ -89,7 +89,7 @@ def view_of(here: Opened, stamp: str) -> ResidualView:
     DataError
         For a model that explains nothing at all.
     """
-    found = compare(here.data, here.fitted)
+    found = compare(here.data, here.fitted, here.band_hz)
     explainable(found.ratio, here.folder.path)
     judged = [one for one in found.judged if len(one.white)]
     white = np.concatenate([one.white for one in judged])
@@ -133,7 +133,6 @@ def base_effects(folder: RunFolder) -> tuple[str, ...]:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     """
     rungs = (folder.load_result("ladder") or {}).get("revisions") or ()
     if rungs:

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from beltcomm.errors import BeltcommError
-from beltcomm.talk import CarriagePosition
+from beltcomm.talk import Silence
 
 
-class TellingTalk:
+class TellingTalk(Silence):
     """A talk that tells the page how far it is.
 
     Parameters
@@ -35,20 +35,6 @@ class TellingTalk:
         """Told."""
         self._tell(self._what, fraction)
 
-    def moving(self, place: CarriagePosition) -> None:
-        """Nothing on a page moves a machine."""
-
-    def say(self, *lines: str) -> None:
-        """Left out."""
-
-    def confirm(self, text: str) -> bool:
-        """Nobody can answer."""
-        return False
-
-    def attended(self) -> bool:
-        """Nobody sits here."""
-        return False
-
 
 def work(run: Path, pipe: Connection) -> None:
     """Do the jobs that a pipe asks for until it is closed.
@@ -56,7 +42,6 @@ def work(run: Path, pipe: Connection) -> None:
     Parameters
     ----------
     run : Path
-        Of the run folder.
     pipe : Connection
         Jobs in, answers out.
     """
@@ -76,7 +61,7 @@ def work(run: Path, pipe: Connection) -> None:
         pipe.send(("free",))
 
 
-def look(run: Path, given: Mapping[str, Any], pipe: Connection) -> None:
+def _look(run: Path, given: Mapping[str, Any], pipe: Connection) -> None:
     """The view of the present model, then what could explain what it leaves; the search gives way to another job."""
     from beltcomm.app.view import stamp_of, view_of
     from beltcomm.residuals.candidates import candidates_of
@@ -101,7 +86,7 @@ def look(run: Path, given: Mapping[str, Any], pipe: Connection) -> None:
     pipe.send(("searched",))
 
 
-def add(run: Path, given: Mapping[str, Any], pipe: Connection) -> None:
+def _add(run: Path, given: Mapping[str, Any], pipe: Connection) -> None:
     """One more effect, then what it costs in tracking not to know it."""
     from beltcomm.jobs.change import add_to_run
     from beltcomm.rundata.cost import cost_and_words
@@ -112,7 +97,7 @@ def add(run: Path, given: Mapping[str, Any], pipe: Connection) -> None:
     talk = TellingTalk(tell, f"adding {effect}, everything is fitted again")
     result = add_to_run(effect, run, pictures=False, cost=False, command=f"beltcomm open, + {effect}", when=given["when"], talk=talk)
     pipe.send(("done", {"job": "add", "effect": effect, **dict(result.to_json())}))
-    look(run, {}, pipe)
+    _look(run, {}, pipe)
     if pipe.poll():
         return
     tell(f"what {effect} costs in tracking", None)
@@ -124,7 +109,7 @@ def add(run: Path, given: Mapping[str, Any], pipe: Connection) -> None:
         pipe.send(("done", {"job": "cost", "effect": effect}))
 
 
-def remove(run: Path, given: Mapping[str, Any], pipe: Connection) -> None:
+def _remove(run: Path, given: Mapping[str, Any], pipe: Connection) -> None:
     """Everything fitted again without an effect."""
     from beltcomm.jobs.change import remove_from_run
 
@@ -132,10 +117,10 @@ def remove(run: Path, given: Mapping[str, Any], pipe: Connection) -> None:
     talk = TellingTalk(_teller(pipe), f"taking {effect} out, everything is fitted again")
     result = remove_from_run(effect, run, pictures=False, command=f"beltcomm open, - {effect}", when=given["when"], talk=talk)
     pipe.send(("done", {"job": "remove", "effect": effect, **dict(result.to_json())}))
-    look(run, {}, pipe)
+    _look(run, {}, pipe)
 
 
-def evidence(run: Path, given: Mapping[str, Any], pipe: Connection) -> None:
+def _evidence(run: Path, given: Mapping[str, Any], pipe: Connection) -> None:
     """The whole search, as ``diagnose --next`` does it: evidence, records held out, runner-up, what would tell them apart."""
     from beltcomm.jobs.laboratory import diagnose_run
 
@@ -145,10 +130,10 @@ def evidence(run: Path, given: Mapping[str, Any], pipe: Connection) -> None:
 
 
 JOBS: Mapping[str, Callable[[Path, Mapping[str, Any], Connection], None]] = {
-    "look": look,
-    "add": add,
-    "remove": remove,
-    "evidence": evidence,
+    "look": _look,
+    "add": _add,
+    "remove": _remove,
+    "evidence": _evidence,
 }
 
 

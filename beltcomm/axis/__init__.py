@@ -34,7 +34,7 @@ from beltcomm.axis.entries import (
     entries_of,
     meaning_of,
 )
-from beltcomm.axis.kinds import BELT, KINDS, Transmission, faults_of, shown, to_file, to_inside
+from beltcomm.axis.kinds import BELT, KINDS, Transmission, faults_of, likely_place, shown, to_file, to_inside
 from beltcomm.configfiles import did_you_mean, find_config, line_of, read_yaml, to_yaml, write_text
 from beltcomm.errors import UsageError
 from beltcomm.given import pasted
@@ -487,7 +487,8 @@ def axis_from_dict(data: Mapping[str, Any], path: Path | None = None) -> Axis:
     names = ["name", "trajectories", *SECTIONS]
     for key, value in data.items():
         if key not in names:
-            raise fault(f"unknown key {shown(key)}{did_you_mean(key, names)}; known are {', '.join(names)}", key)
+            meant = likely_place(str(key)) or did_you_mean(key, names)
+            raise fault(f"unknown key {shown(key)}{meant}; known are {', '.join((*names, 'transmission'))}", key)
         if key == "name":
             read[key] = "" if value is None else str(value)
         elif key in SECTIONS:

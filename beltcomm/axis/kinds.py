@@ -105,7 +105,13 @@ class AxisKind:
     load: str = "carriage"
 
     def in_file(self, inside: str) -> str:
-        """Dotted name in the file of one inside."""
+        """Dotted name in the file of one inside.
+
+        Parameters
+        ----------
+        inside : str
+            Dotted name as of a belt axis.
+        """
         return next((name for name, entry in self.renamed.items() if entry.inside == inside), inside)
 
     def sections(self) -> dict[str, dict[str, AxisEntry]]:
@@ -292,7 +298,6 @@ def to_inside(kind: AxisKind, data: Mapping[str, Any]) -> dict[str, Any]:
     Parameters
     ----------
     kind : AxisKind
-        Of the axis.
     data : mapping of str to Any
         As read from its file.
     """
@@ -325,7 +330,6 @@ def to_file(kind: AxisKind, data: Mapping[str, Any]) -> dict[str, Any]:
     Parameters
     ----------
     kind : AxisKind
-        Of the axis.
     data : mapping of str to Any
         Sections as they are inside.
     """
@@ -370,13 +374,26 @@ def _radius(kind: AxisKind, data: Mapping[str, Any]) -> float | None:
     return float(value) * kind.renamed[name].factor
 
 
+def likely_place(key: str) -> str:
+    """The words ``, did you mean SECTION.KEY?`` for a kind of axis, or for a key that stands in one section; "" for none.
+
+    Parameters
+    ----------
+    key : str
+        That stands in no section.
+    """
+    if key == "kind" or key in KINDS:
+        return f", did you mean transmission.kind={key if key in KINDS else 'screw'}?"
+    places = [section for section, kind in SECTIONS.items() if key in entries_of(kind)]
+    return f", did you mean {places[0]}.{key}?" if len(places) == 1 else ""
+
+
 def faults_of(kind: AxisKind, data: Mapping[str, Any]) -> Iterator[tuple[str, tuple[str, ...]]]:
     """Entries of a file that this kind of axis does not have, and numbers out of its bounds, in words, with the keys that lead there.
 
     Parameters
     ----------
     kind : AxisKind
-        Of the axis.
     data : mapping of str to Any
         As read from its file.
     """

@@ -122,7 +122,13 @@ class Terms:
         return text if self._units is None else self._units.sub(self._unit, text)
 
     def label(self, text: str) -> tuple[str, float]:
-        """Label of a picture's axis that ends in its unit, and the factor by which the numbers along it are to be multiplied."""
+        """Label of a picture's axis that ends in its unit, and the factor by which the numbers along it are to be multiplied.
+
+        Parameters
+        ----------
+        text : str
+            With the unit of a belt axis at its end.
+        """
         for found in () if self._units is None else self._units.finditer(text):
             if found.end() == len(text) and found[1] is None:
                 unit = self.units[found[3]]
@@ -130,7 +136,13 @@ class Terms:
         return self.said(text), 1.0
 
     def shown(self, unit: str) -> ShownUnit:
-        """Unit that stands for one of a belt axis where its number is multiplied, too; itself, as it is printed, where nothing changes."""
+        """Unit that stands for one of a belt axis where its number is multiplied, too; itself, as it is printed, where nothing changes.
+
+        Parameters
+        ----------
+        unit : str
+            Of a belt axis.
+        """
         printed = _SQUARE.sub("\\1²", unit)
         return self.units.get(printed, ShownUnit(printed))
 

@@ -29,7 +29,7 @@ TITLES = {
     "targets": "Targets: what the axis must reach; left out, the defaults hold",
 }
 WORDS = {
-    ("transmission", "kind"): "what moves the load: screw, rack, rotary or linear; a belt axis has pulley and belt instead",
+    ("transmission", "kind"): "what moves the load: screw, rack, rotary or linear",
     ("motor", "name"): "type of the motor",
     ("targets", "at"): "where the targets count: motor, carriage or both; what nothing measures is judged as predicted",
     ("targets", "move"): "limits of the move that is judged, a name under trajectories",

@@ -118,7 +118,6 @@ def feasible_cascade(plants: Sequence[DesignPlant], structure: CascadeStructure,
     structure : CascadeStructure
         What the drive's loop has.
     specification : Specification
-        What is asked for.
 
     Returns
     -------
@@ -161,7 +160,6 @@ def meets(achieved: Sequence[Margins], specification: Specification) -> bool:
     achieved : sequence of Margins
         One for each plant.
     specification : Specification
-        What is asked for.
 
     Returns
     -------
@@ -233,7 +231,6 @@ def best_cascade(
     structure : CascadeStructure
         What the drive's loop has.
     specification : Specification
-        What is asked for.
 
     Returns
     -------
@@ -289,7 +286,6 @@ def with_reserve(specification: Specification, factor: float) -> Specification:
     Parameters
     ----------
     specification : Specification
-        What is asked for.
     factor : float
         How often the reserve is added.
 

@@ -47,7 +47,6 @@ def compensation(model: Model, feedforward: Feedforward, trajectory: Trajectory,
     Parameters
     ----------
     model : Model
-        Of the axis.
     feedforward : Feedforward
         Of the drive, with its advance.
     trajectory : Trajectory

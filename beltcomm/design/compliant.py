@@ -70,7 +70,6 @@ def lead_motion(model: Model, carriage: Trajectory, advance_s: float = 0.0, *, f
     Parameters
     ----------
     model : Model
-        Of the axis.
     carriage : Trajectory
         Motion of the carriage.
     advance_s : float
@@ -97,10 +96,10 @@ def lead_motion(model: Model, carriage: Trajectory, advance_s: float = 0.0, *, f
     held = level * _lasting_sign(speed) if friction else np.zeros(len(speed))
     force = mass * (y.acceleration_m_s2 + GRAVITY_M_S2 * math.sin(model.get("tilt.angle")))
     force = force + model.get("viscous_cart.damping") * speed + held + at_carriage
-    soft = compliance(model, y.position_m)
+    soft = _compliance(model, y.position_m)
     stretch = soft * (force - damping * soft * np.gradient(force, period))
     for _ in range(2):
-        stretch = centred_mean(stretch, window)
+        stretch = _centred_mean(stretch, window)
     place = y.position_m + stretch
     rate = np.gradient(place, period)
     rate = np.where(np.abs(rate) > REST_M_S, rate, 0.0)
@@ -133,7 +132,7 @@ def torque_along(led: Leading, feedforward: Feedforward, ratio: float) -> Array:
     return np.asarray(needed - feedforward_torque(feedforward, path.velocity_m_s / ratio, path.sample_period_s))
 
 
-def compliance(model: Model, places_m: Array) -> Array:
+def _compliance(model: Model, places_m: Array) -> Array:
     """Compliance of the carriage with the motor locked, by place; gaps and slack strands are taken as closed.
 
     Parameters
@@ -179,7 +178,7 @@ def _smoothing_window(model: Model, carriage: Trajectory) -> int:
     return max(FEWEST, 2 * half + 1)
 
 
-def centred_mean(values: Array, window: int) -> Array:
+def _centred_mean(values: Array, window: int) -> Array:
     """Centred mean over a window; the ends are continued.
 
     Parameters
@@ -225,11 +224,6 @@ def with_rest_before(path: Trajectory, samples: int) -> Trajectory:
 def _moved_mass(model: Model) -> float:
     """Mass of everything that moves along the belt.
 
-    Parameters
-    ----------
-    model : Model
-        With any number of bodies.
-
     Returns
     -------
     float
@@ -240,11 +234,6 @@ def _moved_mass(model: Model) -> float:
 
 def _motor_side_inertia(model: Model) -> float:
     """Inertia of everything that turns with the motor.
-
-    Parameters
-    ----------
-    model : Model
-        With any number of bodies.
 
     Returns
     -------

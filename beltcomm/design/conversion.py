@@ -100,7 +100,6 @@ def to_pid(cascade: Cascade, period_s: float = 0.0) -> Pid:
     Parameters
     ----------
     cascade : Cascade
-        The controller.
     period_s : float
         T of the discrete loops, s; 0 is the continuous form.
 
@@ -172,7 +171,7 @@ def to_cascades(pid: Pid, period_s: float = 0.0) -> Cascades:
     return Cascades(same[0], same[1] if distinct else None, discriminant)
 
 
-def least_proportional(pid: Pid, period_s: float = 0.0) -> float:
+def _least_proportional(pid: Pid, period_s: float = 0.0) -> float:
     """P from which on a PID with this I and D has a cascade:  (T_R + T) I + 2 √(D I).
 
     Parameters
@@ -199,7 +198,7 @@ def _roots(pid: Pid, total: float, discriminant: float, lag: float) -> list[floa
         raise Refused(
             f"P = {pid.kp_nm_rad:.6g}, I = {pid.ki_nm_rad_s:.6g}, D = {pid.kd_nm_s_rad:.6g} is no cascade: "
             f"(P − (T_R + T) I)² − 4 D I = {discriminant:.6g} is negative, its zeros are complex (damping {damping:.3g}) and those of a "
-            f"cascade are real; raise P to {least_proportional(pid, lag - pid.derivative_filter_s):.6g} N m/rad or more, or lower I or D"
+            f"cascade are real; raise P to {_least_proportional(pid, lag - pid.derivative_filter_s):.6g} N m/rad or more, or lower I or D"
         )
     root = math.sqrt(max(discriminant, 0.0))
     # The root of the larger size without cancellation, the other by the product of both.

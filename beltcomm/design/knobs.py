@@ -8,7 +8,7 @@ for much.   Each on the plant where it is hardest, on the loops as they run; gai
 On a plant, behind a prefilter and with T_R the three numbers fix the three gains:  A_sup is |G_PI G_ω| at the undamped resonance ω_r
 (4.7),  φ_ωr the distance to −180° at the first crossover of the open velocity loop (4.8), (4.9),  φ_φr the same of the open position
 loop (4.13), all on the continuous plant (2.42) with its dead time.   :func:`knobs_of` reads them off given gains,
-:func:`gains_for` goes the other way, :func:`designs_along_knob` moves one of them alone.
+:func:`_gains_for` goes the other way, :func:`designs_along_knob` moves one of them alone.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def knobs_of(plant: DesignPlant, cascade: Cascade) -> KnobSetting:
     achieved = thesis_margins(plant, cascade)
     knobs = Knobs(achieved.phase_margin_deg, achieved.position_phase_margin_deg, achieved.suppression_db)
     try:
-        again = gains_for(plant, cascade.prefilter, knobs, cascade.velocity_filter_s)
+        again = _gains_for(plant, cascade.prefilter, knobs, cascade.velocity_filter_s)
     except Refused as refusal:
         return KnobSetting(knobs, None, False, str(refusal))
     pairs = (
@@ -109,7 +109,7 @@ def knobs_of(plant: DesignPlant, cascade: Cascade) -> KnobSetting:
     return KnobSetting(knobs, again, all(abs(one - other) <= SAME * other for one, other in pairs))
 
 
-def gains_for(plant: DesignPlant, prefilter: PrefilterKind | Prefilter, knobs: Knobs, velocity_filter_s: float = 0.002) -> ThesisDesign:
+def _gains_for(plant: DesignPlant, prefilter: PrefilterKind | Prefilter, knobs: Knobs, velocity_filter_s: float = 0.002) -> ThesisDesign:
     """The gains that the knobs stand for.
 
     Parameters
@@ -147,7 +147,7 @@ def designs_along_knob(plant: DesignPlant, prefilter: PrefilterKind | Prefilter,
     turns = []
     for value in values:
         try:
-            turns.append(Turn(value, gains_for(plant, prefilter, replace(Knobs(), **{knob: value}))))
+            turns.append(Turn(value, _gains_for(plant, prefilter, replace(Knobs(), **{knob: value}))))
         except Refused as refusal:
             turns.append(Turn(value, None, str(refusal)))
     return tuple(turns)

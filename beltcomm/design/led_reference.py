@@ -66,7 +66,6 @@ def can_lead(structure: CascadeStructure, cascade: Cascade) -> bool:
     structure : CascadeStructure
         What the drive's loop has.
     cascade : Cascade
-        The controller.
 
     Returns
     -------
@@ -85,11 +84,9 @@ def led_reference(
     Parameters
     ----------
     model : Model
-        Of the axis.
     carriage : Trajectory
         Motion of the carriage.
     cascade : Cascade
-        The controller.
     structure : CascadeStructure
         Of the drive, with the period of its loop.
     delay_s : float

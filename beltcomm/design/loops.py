@@ -193,7 +193,6 @@ def open_loops(plant: DesignPlant, cascade: Cascade, period_s: float, omega_rad_
     plant : DesignPlant
         With its dead time.
     cascade : Cascade
-        The controller.
     period_s : float, s
         T of the controller.
     omega_rad_s : ndarray (n,), rad/s
@@ -240,7 +239,6 @@ def closed_loop_matrix(advance: Array, new: Array, old: Array, whole: int, casca
     whole : int
         Whole periods of the dead time.
     cascade : Cascade
-        The controller.
     period_s : float, s
         T of the controller.
 
@@ -260,7 +258,6 @@ def closed_loop_inputs(plant: DesignPlant, cascade: Cascade, period_s: float) ->
     plant : DesignPlant
         With its dead time.
     cascade : Cascade
-        The controller.
     period_s : float, s
         T of the controller.
 

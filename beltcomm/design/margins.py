@@ -73,34 +73,21 @@ class Margins:
 
 @dataclass(frozen=True)
 class WorstMargins:
-    """The least favourable margins of a cascade over all variants, the frequency, Hz, up to which both loops act at least."""
+    """The least favourable margins of a cascade over all variants; bandwidths of both loops, Hz.
+
+    A bandwidth is the highest of all variants, in motion; at rest the lowest, with the friction of a standstill.
+    """
 
     phase_margin_deg: float
     position_phase_margin_deg: float
     suppression_db: float
     gain_margin_db: float
     sensitivity_db: float
-    crossover_hz: float
-    position_crossover_hz: float
+    bandwidth_hz: float
+    position_bandwidth_hz: float
+    bandwidth_at_rest_hz: float
+    position_bandwidth_at_rest_hz: float
     stable: bool
-
-
-def bandwidths_hz(margins: Sequence[Margins]) -> list[tuple[float, float]]:
-    """Lowest and highest crossover over all variants.
-
-    Parameters
-    ----------
-    margins : sequence of Margins
-        One for each variant of the plant.
-
-    Returns
-    -------
-    list of tuple of float
-        Hz, of the velocity loop and of the position loop; nan where none has one.
-    """
-    crossovers = ([getattr(one, f"{loop}crossover_rad_s") / math.tau for one in margins] for loop in ("", "position_"))
-    finite = ([hz for hz in found if math.isfinite(hz)] or [math.nan] for found in crossovers)
-    return [(min(found), max(found)) for found in finite]
 
 
 def worst_of(margins: Sequence[Margins]) -> WorstMargins:
@@ -114,17 +101,20 @@ def worst_of(margins: Sequence[Margins]) -> WorstMargins:
     Returns
     -------
     WorstMargins
-        A crossover is nan where none has one.
+        A bandwidth is nan where no variant has a crossover.
     """
-    (velocity, _), (position, _) = bandwidths_hz(margins)
+    found = [[getattr(one, f"{loop}crossover_rad_s") / math.tau for one in margins] for loop in ("", "position_")]
+    velocity, position = ([hz for hz in one if math.isfinite(hz)] or [math.nan] for one in found)
     return WorstMargins(
         min(one.phase_margin_deg for one in margins),
         min(one.position_phase_margin_deg for one in margins),
         max(one.suppression_db for one in margins),
         min(one.least_gain_margin_db for one in margins),
         max(one.most_sensitivity_db for one in margins),
-        velocity,
-        position,
+        max(velocity),
+        max(position),
+        min(velocity),
+        min(position),
         all(one.stable and one.velocity_stable for one in margins),
     )
 
@@ -135,7 +125,6 @@ def margins(cascade: Cascade, plants: Sequence[DesignPlant], period_s: float) ->
     Parameters
     ----------
     cascade : Cascade
-        The controller.
     plants : sequence of DesignPlant
         Each with its dead time.
     period_s : float, s
@@ -155,7 +144,6 @@ def margins_on(cascade: Cascade, sampled: SampledPlants) -> tuple[Margins, ...]:
     Parameters
     ----------
     cascade : Cascade
-        The controller.
     sampled : SampledPlants
         With the controller's period.
 

@@ -132,7 +132,6 @@ def measured_loop(response: FrequencyResponse, cascade: Cascade, period_s: float
     ----------
     response : FrequencyResponse, rad/(N m), motor shaft
     cascade : Cascade
-        The controller.
     period_s : float
         Of the drive's loops.
     dead_time_s : float
@@ -181,7 +180,6 @@ def measured_margins(
     response : FrequencyResponse
         Torque to motor angle, rad/(N m).
     cascade : Cascade
-        The controller.
     period_s : float, s
         Its period.
     dead_time_s : float, s

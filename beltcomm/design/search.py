@@ -53,7 +53,6 @@ def best_gains(
     structure : CascadeStructure
         With the bounds of the drive.
     specification : Specification
-        What is asked for.
     zooms : int
         Finer searches.
 

@@ -147,7 +147,6 @@ def describe(specification: Specification) -> str:
     Parameters
     ----------
     specification : Specification
-        What is asked for.
 
     Returns
     -------

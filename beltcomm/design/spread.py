@@ -63,7 +63,6 @@ def margin_spread(draws: Sequence[Sequence[DesignPlant]], cascade: Cascade, peri
     draws : sequence of sequence of DesignPlant
         Equally many plants each, equally many bodies.
     cascade : Cascade
-        The controller.
     period_s : float
         Of the drive's loops.
 
@@ -77,7 +76,7 @@ def margin_spread(draws: Sequence[Sequence[DesignPlant]], cascade: Cascade, peri
         raise UsageError("margins spread over draws with equally many plants each, at least one")
     advance, new, old, whole = sample_plants(plants, period_s)
     omega = frequencies(plants, period_s, GRID_POINTS)
-    response = responses_together(advance, new, old, whole, omega, period_s)
+    response = _responses_together(advance, new, old, whole, omega, period_s)
     estimator = velocity_filter_response(omega, cascade.velocity_filter_s, period_s)
     controller = prefilter_response(omega, cascade.prefilter, period_s) * pi_response(
         omega, cascade.kp_nm_s_rad, cascade.ki_nm_rad, period_s
@@ -121,7 +120,7 @@ def margin_spread(draws: Sequence[Sequence[DesignPlant]], cascade: Cascade, peri
     )
 
 
-def responses_together(advance: Array, new: Array, old: Array, whole: IntArray, omega_rad_s: Array, period_s: float) -> ComplexArray:
+def _responses_together(advance: Array, new: Array, old: Array, whole: IntArray, omega_rad_s: Array, period_s: float) -> ComplexArray:
     """Sampled responses of p plants at once, as :meth:`DesignPlant.sampled_response` of each.
 
     G(z) = N(z)/Π(z - λ_i) z^(-n-1),  λ the eigenvalues of Φ;  N, of degree n, from its values on the circle |z| = 2.

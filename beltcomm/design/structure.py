@@ -95,7 +95,7 @@ class LoopModel:
     bodies: Bodies | None
 
 
-def in_loop(model: Model) -> Model:
+def _in_loop(model: Model) -> Model:
     """The model without the effects that move no pole.
 
     Parameters
@@ -135,7 +135,7 @@ def loop_model(model: Model, position_m: float) -> LoopModel:
     UsageError
         For an axis without motor and carriage.
     """
-    reduced = in_loop(model)
+    reduced = _in_loop(model)
     ratio = model["transmission.ratio"]
     if model.rigid:
         return _stiff(model)

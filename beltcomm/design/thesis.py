@@ -180,7 +180,6 @@ def velocity_loop(plant: DesignPlant, cascade: Cascade, omega_rad_s: Array) -> C
     plant : DesignPlant
         With its dead time.
     cascade : Cascade
-        The controller.
     omega_rad_s : ndarray (n,), rad/s
         Above 0.
 

@@ -94,23 +94,3 @@ def belt_off(stays: str, goes: str) -> ManualCheck:
         "log torque and angle with the drive's own scope over some turns and `beltcomm import` them",
         f"what stays is {stays}, what is gone was {goes}",
     )
-
-
-def pulley_turned(stays: str, moved: str) -> ManualCheck:
-    """Manual check: the pulley turned on its shaft.
-
-    Parameters
-    ----------
-    stays, moved : str
-        Effects whose phase stays, and moves.
-
-    Returns
-    -------
-    ManualCheck
-        Deed, how it is recorded, and what it tells.
-    """
-    return ManualCheck(
-        "loosen the driving pulley, turn it on its shaft by a quarter of the ripple's period, clamp it again",
-        AGAIN,
-        f"the phase of {stays} at the motor angle stays, that of {moved} moves by a quarter",
-    )

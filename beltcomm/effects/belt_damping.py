@@ -7,7 +7,7 @@ import math
 from beltcomm.effects._effect import DRIVING_END, AxisSummary, Effect, Element, Parameter, Trial
 
 
-def force(stretch: float, rate: float, x: float, damping: float) -> float:
+def _force(stretch: float, rate: float, x: float, damping: float) -> float:
     """Force in the damper:  force = d rate, N.
 
     Parameters
@@ -23,12 +23,12 @@ def force(stretch: float, rate: float, x: float, damping: float) -> float:
     return damping * rate
 
 
-def slope(x: float, damping: float) -> tuple[float, float]:
+def _slope(x: float, damping: float) -> tuple[float, float]:
     """(stiffness N/m, damping N s/m)."""
     return 0.0, damping
 
 
-def trials(ground: AxisSummary) -> list[Trial]:
+def _trials(ground: AxisSummary) -> list[Trial]:
     """Damping ratios of the resonance from hardly any to a soft belt's."""
     swinging = 1.0 / (ground.ratio**2 / ground.inertia + 1.0 / ground.mass)
     return [Trial({"damping": 2.0 * ratio * math.sqrt(ground.stiffness * swinging)}) for ratio in (0.005, 0.02, 0.06)]
@@ -39,8 +39,8 @@ EFFECT = Effect(
     slot="element",
     title="belt damping",
     parameters=(Parameter("damping", "N s/m", "belt", 15.0, 0.0, 2000.0, "losses in the belt"),),
-    elements=(Element((DRIVING_END, "cart"), force, slope),),
-    trials=trials,
+    elements=(Element((DRIVING_END, "cart"), _force, _slope),),
+    trials=_trials,
     seen="width of the resonance",
     causes="losses in rubber and cords: every belt has them",
     check="nothing; every belt has it",

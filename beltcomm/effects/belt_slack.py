@@ -12,7 +12,7 @@ STIFFER = {0.8: 1.15, 0.6: 1.3}
 _STIFFNESS = "belt_stiffness.stiffness"
 
 
-def stretch_law(stretch: float, limit: float, share: float, balance: float, rounding: float) -> float:
+def _stretch_law(stretch: float, limit: float, share: float, balance: float, rounding: float) -> float:
     """Stretch that loads the belt, m: beyond +limit/(2(1 - balance)) and below -limit/(2 balance) one strand has lost its pretension.
 
     A strand that carries the part a of the stiffness takes (1 - share) 2 a of it away when it goes slack: with equal strands
@@ -33,7 +33,7 @@ def stretch_law(stretch: float, limit: float, share: float, balance: float, roun
     return stretch - above + below
 
 
-def slope(stretch: float, limit: float, share: float, balance: float, rounding: float) -> float:
+def _slope(stretch: float, limit: float, share: float, balance: float, rounding: float) -> float:
     """1 with both strands tight, less with one."""
     plus, minus = 0.5 * limit / (1.0 - balance), 0.5 * limit / balance
     lost = 2.0 * (1.0 - share)
@@ -42,7 +42,7 @@ def slope(stretch: float, limit: float, share: float, balance: float, rounding: 
     return 1.0 - above - below
 
 
-def trials(ground: AxisSummary) -> list[Trial]:
+def _trials(ground: AxisSummary) -> list[Trial]:
     """Limits between an eighth and four fifths of the largest stretch recorded: with the belt as it was fitted, and with a stiffer one.
 
     A belt fitted without the slack is as soft as both states in the mean; with that stiffness no limit may be better than none.  Where
@@ -73,9 +73,9 @@ EFFECT = Effect(
         Parameter("balance", "1", "belt", 0.5, 0.2, 0.8, "part of the stiffness in the strand that goes slack in the negative direction"),
         Parameter("rounding", "1", "belt", 0.07, 0.005, 0.5, "width of the corner as a share of the limit"),
     ),
-    law=stretch_law,
-    slope=slope,
-    trials=trials,
+    law=_stretch_law,
+    slope=_slope,
+    trials=_trials,
     seen="the belt looks softer at large amplitudes and in fast moves",
     causes="pretension too low",
     check="tension meter, or frequency of the plucked strand",

@@ -37,13 +37,13 @@ def stiffness(x: float, specific_stiffness: float, pulley_distance: float, offse
     return specific_stiffness * (1.0 / l1 + 1.0 / (2.0 * pulley_distance - l1))
 
 
-def force(stretch: float, rate: float, x: float, specific_stiffness: float, pulley_distance: float, offset: float) -> float:
+def _force(stretch: float, rate: float, x: float, specific_stiffness: float, pulley_distance: float, offset: float) -> float:
     """Force in the spring:  force = c(x) stretch, N.   Source: (2.25), (2.26)."""
     l1 = offset + x
     return specific_stiffness * (1.0 / l1 + 1.0 / (2.0 * pulley_distance - l1)) * stretch
 
 
-def slope(x: float, specific_stiffness: float, pulley_distance: float, offset: float) -> tuple[float, float]:
+def _slope(x: float, specific_stiffness: float, pulley_distance: float, offset: float) -> tuple[float, float]:
     """(stiffness N/m, damping N s/m)."""
     return stiffness(x, specific_stiffness, pulley_distance, offset), 0.0
 
@@ -54,7 +54,7 @@ EFFECT = Effect(
     of_belt=True,
     title="belt as two spans of known geometry",
     parameters=BELT_PARAMETERS,
-    elements=(Element((DRIVING_END, "cart"), force, slope),),
+    elements=(Element((DRIVING_END, "cart"), _force, _slope),),
     group=BELT_SPRING,
     seen="antiresonance and resonance move with the carriage position",
     causes="free belt lengths change with the place: every belt axis has it",

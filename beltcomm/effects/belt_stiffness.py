@@ -5,7 +5,7 @@ from __future__ import annotations
 from beltcomm.effects._effect import BELT_SPRING, DRIVING_END, Effect, Element, Parameter
 
 
-def force(stretch: float, rate: float, x: float, stiffness: float) -> float:
+def _force(stretch: float, rate: float, x: float, stiffness: float) -> float:
     """Force in the spring:  force = c stretch, N.
 
     Parameters
@@ -21,7 +21,7 @@ def force(stretch: float, rate: float, x: float, stiffness: float) -> float:
     return stiffness * stretch
 
 
-def slope(x: float, stiffness: float) -> tuple[float, float]:
+def _slope(x: float, stiffness: float) -> tuple[float, float]:
     """(stiffness N/m, damping N s/m)."""
     return stiffness, 0.0
 
@@ -31,7 +31,7 @@ EFFECT = Effect(
     slot="element",
     title="belt stiffness",
     parameters=(Parameter("stiffness", "N/m", "belt", 2e5, 1e3, 1e8, "stiffness between driving pulley and carriage"),),
-    elements=(Element((DRIVING_END, "cart"), force, slope),),
+    elements=(Element((DRIVING_END, "cart"), _force, _slope),),
     group=BELT_SPRING,
     seen="antiresonance and resonance in the frequency response",
     causes="the belt itself, its clamp and its teeth: every belt axis has it",

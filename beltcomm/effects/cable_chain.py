@@ -5,7 +5,7 @@ from __future__ import annotations
 from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial
 
 
-def force(position: float, speed: float, t: float, rate: float, offset: float, bend: float, twist: float) -> float:
+def _force(position: float, speed: float, t: float, rate: float, offset: float, bend: float, twist: float) -> float:
     """Force on the carriage:  -(offset + rate x + bend x² + twist x³), N,  x : position, m.
 
     Parameters
@@ -18,12 +18,12 @@ def force(position: float, speed: float, t: float, rate: float, offset: float, b
     return -(offset + position * (rate + position * (bend + position * twist)))
 
 
-def slope(position: float, speed: float, t: float, rate: float, offset: float, bend: float, twist: float) -> tuple[float, float]:
+def _slope(position: float, speed: float, t: float, rate: float, offset: float, bend: float, twist: float) -> tuple[float, float]:
     """(d force/d position, d force/d speed)."""
     return -(rate + position * (2.0 * bend + 3.0 * position * twist)), 0.0
 
 
-def trials(ground: AxisSummary) -> list[Trial]:
+def _trials(ground: AxisSummary) -> list[Trial]:
     """Spring and offset as two columns; a motor alone pulls no chain."""
     if not ground.belt and ground.side != "load":
         return []
@@ -40,10 +40,10 @@ EFFECT = Effect(
         Parameter("bend", "N/m2", "cart", 0.0, -1e3, 1e3, "how its spring rate changes with the place", fitted=False, form=True),
         Parameter("twist", "N/m3", "cart", 0.0, -1e3, 1e3, "how that changes with the place", fitted=False, form=True),
     ),
-    law=force,
-    slope=slope,
+    law=_force,
+    slope=_slope,
     body="cart",
-    trials=trials,
+    trials=_trials,
     seen="torque changes in proportion to the place, the same in both directions",
     causes="bent cable chain, hose, energy chain that stands up",
     check="unhook the chain and repeat the slow strokes",

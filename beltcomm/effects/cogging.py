@@ -53,14 +53,14 @@ def slope(position: float, speed: float, t: float, order: float, sine: float, co
     return -order * (sine * math.cos(order * position) - cosine * math.sin(order * position)), 0.0
 
 
-def trials(ground: AxisSummary) -> list[Trial]:
+def _trials(ground: AxisSummary) -> list[Trial]:
     """Every order but that of the pulley's teeth, sine and cosine as two columns."""
     size = {"sine": 0.02, "cosine": 0.02}
     orders = [n for n in range(2, HIGHEST_ORDER + 1) if n != ground.teeth]
     return [Trial({"order": float(n), **size}, amplitudes=("sine", "cosine"), signed=True) for n in orders]
 
 
-def harmonic_effect(index: int) -> Effect:
+def _harmonic_effect(index: int) -> Effect:
     """``cogging``, ``cogging_2``, ...: the same law for one more order."""
     return Effect(
         name="cogging" if index == 1 else f"cogging_{index}",
@@ -74,7 +74,7 @@ def harmonic_effect(index: int) -> Effect:
         law=force,
         slope=slope,
         body="motor",
-        trials=trials,
+        trials=_trials,
         harmonic="load",
         twins=("tooth_ripple",),
         separate="take the belt off and turn the motor slowly: cogging stays, the ripple of the teeth goes",
@@ -90,4 +90,4 @@ def harmonic_effect(index: int) -> Effect:
     )
 
 
-EFFECTS = tuple(harmonic_effect(index) for index in range(1, COUNT + 1))
+EFFECTS = tuple(_harmonic_effect(index) for index in range(1, COUNT + 1))

@@ -6,7 +6,7 @@ from beltcomm.effects._effect import AxisSummary, DiscriminatingExperiment, Effe
 from beltcomm.effects._records import AGAIN
 
 
-def force(position: float, speed: float, t: float, torque: float) -> float:
+def _force(position: float, speed: float, t: float, torque: float) -> float:
     """Torque on the motor:  -torque, N m.
 
     (F_c ± a) sign(v) = F_c sign(v) + a: friction by direction is the same law.
@@ -23,12 +23,12 @@ def force(position: float, speed: float, t: float, torque: float) -> float:
     return -torque
 
 
-def slope(position: float, speed: float, t: float, torque: float) -> tuple[float, float]:
+def _slope(position: float, speed: float, t: float, torque: float) -> tuple[float, float]:
     """(d force/d position, d force/d speed): none."""
     return 0.0, 0.0
 
 
-def trials(ground: AxisSummary) -> list[Trial]:
+def _trials(ground: AxisSummary) -> list[Trial]:
     """One, of a fifth of the Coulomb friction."""
     return [Trial({"torque": 0.2 * ground.coulomb}, signed=True)]
 
@@ -38,10 +38,10 @@ EFFECT = Effect(
     slot="force",
     title="constant torque: tilt, friction by direction, or current offset",
     parameters=(Parameter("torque", "N m", "motor", 0.0, -5.0, 5.0, "torque needed at any speed and in both directions"),),
-    law=force,
-    slope=slope,
+    law=_force,
+    slope=_slope,
     body="motor",
-    trials=trials,
+    trials=_trials,
     twins=("tilt", "coulomb_asymmetry", "current_offset"),
     separate="record slow strokes with a second known payload (tilt grows with the mass), or level the axis and compare",
     apart={

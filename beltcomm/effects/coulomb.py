@@ -38,7 +38,7 @@ _CHECK = {
 }
 
 
-def level(speed: float, position: float, t: float, level_: float) -> float:
+def _level(speed: float, position: float, t: float, level_: float) -> float:
     """Level of the set-valued friction.
 
     |force| <= level at standstill,  force = -level sign(speed) otherwise
@@ -55,31 +55,31 @@ def level(speed: float, position: float, t: float, level_: float) -> float:
     return level_
 
 
-def slope(speed: float, position: float, t: float, level_: float) -> float:
+def _slope(speed: float, position: float, t: float, level_: float) -> float:
     """d level/d speed: none.  At standstill the friction has no linearisation (see ``beltcomm.model.linear``)."""
     return 0.0
 
 
-def motor_trials(ground: AxisSummary) -> list[Trial]:
+def _motor_trials(ground: AxisSummary) -> list[Trial]:
     """At the motor: a twentieth of the largest torque."""
     return [Trial({"level": 0.05 * ground.peak_nm})]
 
 
-def cart_trials(ground: AxisSummary) -> list[Trial]:
+def _cart_trials(ground: AxisSummary) -> list[Trial]:
     """For the carriage: half of the motor's friction acts there instead."""
     return [Trial({"level": 0.5 * ground.coulomb / ground.ratio})]
 
 
-def load_trials(ground: AxisSummary) -> list[Trial]:
+def _load_trials(ground: AxisSummary) -> list[Trial]:
     """Trials of Coulomb friction for a load that turns."""
     return [Trial({"level": 0.5 * ground.coulomb})]
 
 
 _NAME = {"motor": "coulomb", "cart": "cart_friction", "end_pulley": "coulomb_end_pulley", "load": "coulomb_load"}
-_TRIALS = {"motor": motor_trials, "cart": cart_trials, "load": load_trials}
+_TRIALS = {"motor": _motor_trials, "cart": _cart_trials, "load": _load_trials}
 
 
-def on(body: str) -> Effect:
+def _on(body: str) -> Effect:
     """The effect on one body: ``coulomb`` (motor), ``cart_friction``, ``coulomb_end_pulley``, ``coulomb_load``."""
     unit, _, side = body_units(body)
     parameter = Parameter("level", unit, side, _START[body], 0.0, _HIGH[body], "friction that does not depend on speed")
@@ -88,8 +88,8 @@ def on(body: str) -> Effect:
         slot="friction_level",
         title=_TITLE[body],
         parameters=(parameter,),
-        law=level,
-        slope=slope,
+        law=_level,
+        slope=_slope,
         body=body,
         seen="the torque steps when the direction changes; small torques do not move the axis",
         check=_CHECK[body],
@@ -103,4 +103,4 @@ def on(body: str) -> Effect:
     )
 
 
-EFFECTS = (on("motor"), on("cart"), on("end_pulley"), on("load"))
+EFFECTS = (_on("motor"), _on("cart"), _on("end_pulley"), _on("load"))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from beltcomm.effects._effect import Body, Effect, Element, Parameter
 
 
-def torque(twist: float, rate: float, x: float, stiffness: float, damping: float) -> float:
+def _torque(twist: float, rate: float, x: float, stiffness: float, damping: float) -> float:
     """Torque in the coupling:  K twist + D rate, N m at the motor shaft.
 
     Parameters
@@ -50,7 +50,7 @@ EFFECT = Effect(
             rotary=True,
         ),
     ),
-    elements=(Element(("motor", "driving_pulley"), torque, slope, angular=True),),
+    elements=(Element(("motor", "driving_pulley"), _torque, slope, angular=True),),
     seen="a stiff belt looks softer than its data sheet; another mode at some hundred hertz",
     causes="elastomer or bellows of the coupling, a long shaft",
     check="clamping screws and elastomer of the coupling",

@@ -11,7 +11,7 @@ from beltcomm.effects._effect import TORQUE_LAG, AxisSummary, Effect, Parameter,
 
 
 @compiled
-def lag_torque(cells: Array, h: float, time: float) -> Array:
+def _lag_torque(cells: Array, h: float, time: float) -> Array:
     """Torque averaged over cells of ``h`` seconds, behind a lag 1/(1 + time s).
 
     y' = (u - y)/time;   mean of y over a cell = u + (y_0 - u) (1 - e^{-h/time}) time/h.
@@ -48,7 +48,7 @@ def response(omega: Array, time: float) -> NDArray[np.complex128]:
     return np.asarray(1.0 / (1.0 + 1j * omega * time))
 
 
-def trials(ground: AxisSummary) -> list[Trial]:
+def _trials(ground: AxisSummary) -> list[Trial]:
     """A quarter of a millisecond."""
     return [Trial({"time": 2.5e-4})]
 
@@ -58,10 +58,10 @@ EFFECT = Effect(
     slot="torque_delay",
     title="lag of the current loop",
     parameters=(Parameter("time", "s", "drive", 0.0, 0.0, 2e-2, "time constant from reported to acting torque"),),
-    law=lag_torque,
+    law=_lag_torque,
     slope=response,
     group=TORQUE_LAG,
-    trials=trials,
+    trials=_trials,
     twins=("dead_time",),
     separate="record an excitation up to 250 Hz with more torque: the lag lowers the magnitude, a dead time does not",
     seen="phase of the frequency response falls, and its magnitude with the square of frequency",

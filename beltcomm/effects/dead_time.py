@@ -14,7 +14,7 @@ from beltcomm.effects._records import MIDDLE, wide
 
 
 @compiled
-def delay_torque(cells: Array, h: float, time: float) -> Array:
+def _delay_torque(cells: Array, h: float, time: float) -> Array:
     """Torque averaged over cells of ``h`` seconds, ``time`` seconds later (earlier when negative).
 
     Before the first cell the torque is taken as that of the first.
@@ -32,12 +32,12 @@ def delay_torque(cells: Array, h: float, time: float) -> Array:
     return out
 
 
-def response(omega: Array, time: float) -> NDArray[np.complex128]:
+def _response(omega: Array, time: float) -> NDArray[np.complex128]:
     """exp(-j ω time)."""
     return np.asarray(np.exp(-1j * omega * time))
 
 
-def trials(ground: AxisSummary) -> list[Trial]:
+def _trials(ground: AxisSummary) -> list[Trial]:
     """A quarter of a millisecond."""
     return [Trial({"time": 2.5e-4}, signed=True)]
 
@@ -47,9 +47,9 @@ EFFECT = Effect(
     slot="torque_delay",
     title="dead time between reported and acting torque",
     parameters=(Parameter("time", "s", "drive", 0.0, -5e-3, 0.2, "time by which torque acts later than it is reported"),),
-    law=delay_torque,
-    slope=response,
-    trials=trials,
+    law=_delay_torque,
+    slope=_response,
+    trials=_trials,
     twins=("current_lag",),
     separate="record an excitation up to 250 Hz with more torque: the dead time leaves the magnitude alone, the lag lowers it",
     apart={

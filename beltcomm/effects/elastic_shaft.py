@@ -7,12 +7,14 @@ import math
 from beltcomm.effects._effect import AxisSummary, Body, Effect, Element, Parameter, Trial
 from beltcomm.effects.coupling import slope
 
-#: Hz; antiresonances tried, and shares of the whole inertia that the load may have.
-FREQUENCIES_HZ = (8.0, 12.0, 17.0, 24.0, 32.0, 42.0, 55.0, 70.0, 90.0, 115.0, 150.0, 200.0)
+#: Hz; antiresonances tried, from a rope drive or a robot joint to a stiff screw, and shares of the whole inertia that the load may have.
+FREQUENCIES_HZ = (1.0, 1.5, 2.1, 3.0, 4.2, 5.8, 8.0, 12.0, 17.0, 24.0, 32.0, 42.0, 55.0, 70.0, 90.0, 115.0, 150.0, 200.0)
 SHARES = (0.4, 1.0, 2.5)
+#: The same of a coupling so soft that the load's swing is most of what a rigid model made an inertia of: shares of that.
+SOFT_HZ, SOFT_SHARES = (1.0, 1.7, 2.9, 5.0), (0.6, 0.85)
 
 
-def torque(twist: float, rate: float, x: float, stiffness: float, damping: float) -> float:
+def _torque(twist: float, rate: float, x: float, stiffness: float, damping: float) -> float:
     """Torque in the shaft:  stiffness twist + damping rate, N m.
 
     Parameters
@@ -23,21 +25,22 @@ def torque(twist: float, rate: float, x: float, stiffness: float, damping: float
     return stiffness * twist + damping * rate
 
 
-def trials(ground: AxisSummary) -> list[Trial]:
-    """Antiresonances from 8 to 200 Hz, for a load lighter than, equal to and heavier than what the rigid model sees."""
+def _trials(ground: AxisSummary) -> list[Trial]:
+    """Antiresonances from 1 to 200 Hz, for a load lighter than, equal to and heavier than what the rigid model sees."""
     if ground.belt:
         return []
-    return [
-        Trial(
-            {
-                "load.inertia": share * ground.inertia,
-                "stiffness": share * ground.inertia * (2.0 * math.pi * f) ** 2,
-                "damping": 0.04 * share * ground.inertia * 2.0 * math.pi * f,
-            }
-        )
-        for f in FREQUENCIES_HZ
-        for share in SHARES
+    beside = [Trial(_load(share * ground.inertia, f)) for f in FREQUENCIES_HZ for share in SHARES]
+    return beside + [
+        Trial(_load(share * ground.inertia, f), base={"motor.inertia": (1.0 - share) * ground.inertia}, swallowed=True)
+        for f in SOFT_HZ
+        for share in SOFT_SHARES
     ]
+
+
+def _load(inertia: float, antiresonance_hz: float) -> dict[str, float]:
+    """A load of so many kg m² that swings with a damping ratio of 2 % while the motor is held."""
+    turns = 2.0 * math.pi * antiresonance_hz
+    return {"load.inertia": inertia, "stiffness": inertia * turns**2, "damping": 0.04 * inertia * turns}
 
 
 EFFECT = Effect(
@@ -51,8 +54,8 @@ EFFECT = Effect(
     bodies=(
         Body("load", Parameter("inertia", "kg m2", "motor", 5e-5, 1e-8, 10.0, "load behind the compliance, at the motor"), rotary=True),
     ),
-    elements=(Element(("motor", "load"), torque, slope, angular=True),),
-    trials=trials,
+    elements=(Element(("motor", "load"), _torque, slope, angular=True),),
+    trials=_trials,
     seen="antiresonance and resonance in the motor's response; above them the motor turns alone",
     causes="long shaft, coupling, screw between motor and load",
     check="clamping screws, coupling, bearings of the screw",

@@ -7,32 +7,32 @@ import math
 from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial
 
 
-def correction(theta: float, sine: float, cosine: float) -> float:
+def _correction(theta: float, sine: float, cosine: float) -> float:
     """True minus measured angle:  -(sine sin θ + cosine cos θ), rad.   θ : rad, measured, absolute."""
     return -(sine * math.sin(theta) + cosine * math.cos(theta))
 
 
-def slope(theta: float, sine: float, cosine: float) -> float:
+def _slope(theta: float, sine: float, cosine: float) -> float:
     """d/dθ of the correction."""
     return -(sine * math.cos(theta) - cosine * math.sin(theta))
 
 
-def oval_correction(theta: float, sine: float, cosine: float) -> float:
+def _oval_correction(theta: float, sine: float, cosine: float) -> float:
     """Correction of the angle twice per turn:  -(sine sin 2θ + cosine cos 2θ), rad."""
     return -(sine * math.sin(2.0 * theta) + cosine * math.cos(2.0 * theta))
 
 
-def oval_slope(theta: float, sine: float, cosine: float) -> float:
+def _oval_slope(theta: float, sine: float, cosine: float) -> float:
     """d/dθ of it."""
     return -2.0 * (sine * math.cos(2.0 * theta) - cosine * math.sin(2.0 * theta))
 
 
-def trials(ground: AxisSummary) -> list[Trial]:
+def _trials(ground: AxisSummary) -> list[Trial]:
     """Sine and cosine as two columns."""
     return [Trial({"sine": 0.003, "cosine": 0.003}, amplitudes=("sine", "cosine"), signed=True)]
 
 
-def harmonic_effect(index: int) -> Effect:
+def _harmonic_effect(index: int) -> Effect:
     """``encoder_eccentricity``, and ``encoder_eccentricity_2`` for twice per turn."""
     oval = index == 2
     return Effect(
@@ -43,9 +43,9 @@ def harmonic_effect(index: int) -> Effect:
             Parameter("sine", "rad", "motor", 0.0, -0.1, 0.1, "error of the angle, part in phase with the angle"),
             Parameter("cosine", "rad", "motor", 0.0, -0.1, 0.1, "error of the angle, part in quadrature"),
         ),
-        law=oval_correction if oval else correction,
-        slope=oval_slope if oval else slope,
-        trials=trials,
+        law=_oval_correction if oval else _correction,
+        slope=_oval_slope if oval else _slope,
+        trials=_trials,
         twins=("pulley_eccentricity",),
         separate="take the belt off and spin the motor: the encoder's part stays, that of the pulley goes",
         seen=f"torque {'twice' if oval else 'once'} per turn that grows with the square of speed",
@@ -59,4 +59,4 @@ def harmonic_effect(index: int) -> Effect:
     )
 
 
-EFFECTS = (harmonic_effect(1), harmonic_effect(2))
+EFFECTS = (_harmonic_effect(1), _harmonic_effect(2))

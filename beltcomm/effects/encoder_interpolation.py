@@ -24,7 +24,7 @@ LEAST_RISE = 0.25
 
 
 @compiled
-def true_angle(theta: float, lines: float, sine: float, cosine: float, sine_2: float, cosine_2: float) -> float:
+def _true_angle(theta: float, lines: float, sine: float, cosine: float, sine_2: float, cosine_2: float) -> float:
     """The angle α at which the encoder shows θ:  α + sine sin nα + cosine cos nα + sine_2 sin 2nα + cosine_2 cos 2nα = θ, by Newton."""
     true = theta
     for _ in range(ROUNDS):
@@ -35,23 +35,23 @@ def true_angle(theta: float, lines: float, sine: float, cosine: float, sine_2: f
     return true
 
 
-def correction(theta: float, lines: float, sine: float, cosine: float, sine_2: float, cosine_2: float) -> float:
+def _correction(theta: float, lines: float, sine: float, cosine: float, sine_2: float, cosine_2: float) -> float:
     """True minus shown angle:  -(sine sin nα + cosine cos nα + sine_2 sin 2nα + cosine_2 cos 2nα), rad.
 
     θ : rad, shown.   α : rad, true.   n : lines per turn.
     """
-    return true_angle(theta, lines, sine, cosine, sine_2, cosine_2) - theta
+    return _true_angle(theta, lines, sine, cosine, sine_2, cosine_2) - theta
 
 
-def slope(theta: float, lines: float, sine: float, cosine: float, sine_2: float, cosine_2: float) -> float:
+def _slope(theta: float, lines: float, sine: float, cosine: float, sine_2: float, cosine_2: float) -> float:
     """d/dθ of the correction."""
-    place = lines * true_angle(theta, lines, sine, cosine, sine_2, cosine_2)
+    place = lines * _true_angle(theta, lines, sine, cosine, sine_2, cosine_2)
     s, c = math.sin(place), math.cos(place)
     rise = lines * (sine * c - cosine * s + 2.0 * (sine_2 * (c - s) * (c + s) - 2.0 * cosine_2 * s * c))
     return -rise / max(LEAST_RISE, 1.0 + rise)
 
 
-def trials(ground: AxisSummary) -> list[Trial]:
+def _trials(ground: AxisSummary) -> list[Trial]:
     """Every number of lines that the angle in the records resolves, both orders of sine and cosine as columns of their own."""
     divided = {int(ground.counts) // factor for factor in FACTORS if ground.counts and ground.counts % factor == 0.0}
     most = 2.0 * math.pi / (COUNTS_PER_LINE * ground.step_rad) if ground.step_rad else math.inf
@@ -63,7 +63,7 @@ def trials(ground: AxisSummary) -> list[Trial]:
     ]
 
 
-def implausible(values: Mapping[str, float]) -> str:
+def _implausible(values: Mapping[str, float]) -> str:
     """An angle that runs back while the shaft turns on is no interpolation error."""
     steepest = values["lines"] * (math.hypot(values["sine"], values["cosine"]) + 2.0 * math.hypot(values["sine_2"], values["cosine_2"]))
     return "" if steepest < 1.0 else f"an error that moves {steepest:.2g} times as fast as the shaft"
@@ -80,9 +80,9 @@ EFFECT = Effect(
         Parameter("sine_2", "rad", "motor", 0.0, -2e-3, 2e-3, "error twice per line, part in phase with the line"),
         Parameter("cosine_2", "rad", "motor", 0.0, -2e-3, 2e-3, "error twice per line, part in quadrature"),
     ),
-    law=correction,
-    slope=slope,
-    trials=trials,
+    law=_correction,
+    slope=_slope,
+    trials=_trials,
     harmonic="angle",
     seen="noise of the speed and of the torque command as soon as the axis moves, gone at rest; the error tends to change sign from one "
     "sample to the next; at one speed it is a tone at lines times turns per second, or its alias",
@@ -98,6 +98,6 @@ EFFECT = Effect(
         "encoder_eccentricity": "look at the order: an encoder off centre errs once or twice per turn, its interpolation once or "
         "twice per line",
     },
-    unlikely=implausible,
+    unlikely=_implausible,
     source="data sheet of the encoder (position error within one signal period)",
 )

@@ -17,37 +17,37 @@ from beltcomm.effects._effect import (
 from beltcomm.effects._records import ENDS, wide
 
 
-def far(stretch: float, rate: float, x: float, share: float, split: float, stiffness: float, damping: float) -> float:
+def _far(stretch: float, rate: float, x: float, share: float, split: float, stiffness: float, damping: float) -> float:
     """Return to the driving end:  share/(1-split) (stiffness stretch + damping rate), N.   Both in series carry ``share`` of the belt."""
     return share / (1.0 - split) * (stiffness * stretch + damping * rate)
 
 
-def near(stretch: float, rate: float, x: float, share: float, split: float, stiffness: float, damping: float) -> float:
+def _near(stretch: float, rate: float, x: float, share: float, split: float, stiffness: float, damping: float) -> float:
     """Return to the carriage:  share/split (stiffness stretch + damping rate), N."""
     return share / split * (stiffness * stretch + damping * rate)
 
 
-def far_slope(x: float, share: float, split: float, stiffness: float, damping: float) -> tuple[float, float]:
+def _far_slope(x: float, share: float, split: float, stiffness: float, damping: float) -> tuple[float, float]:
     """(stiffness N/m, damping N s/m)."""
     return share / (1.0 - split) * stiffness, share / (1.0 - split) * damping
 
 
-def near_slope(x: float, share: float, split: float, stiffness: float, damping: float) -> tuple[float, float]:
+def _near_slope(x: float, share: float, split: float, stiffness: float, damping: float) -> tuple[float, float]:
     """(stiffness N/m, damping N s/m)."""
     return share / split * stiffness, share / split * damping
 
 
-def direct(stretch: float, rate: float, x: float, share: float, split: float, stiffness: float, damping: float) -> float:
+def _direct(stretch: float, rate: float, x: float, share: float, split: float, stiffness: float, damping: float) -> float:
     """Force that the direct span does not carry any more:  -share (stiffness stretch + damping rate), N."""
     return -share * (stiffness * stretch + damping * rate)
 
 
-def direct_slope(x: float, share: float, split: float, stiffness: float, damping: float) -> tuple[float, float]:
+def _direct_slope(x: float, share: float, split: float, stiffness: float, damping: float) -> tuple[float, float]:
     """(stiffness N/m, damping N s/m)."""
     return -share * stiffness, -share * damping
 
 
-def trials(ground: AxisSummary) -> list[Trial]:
+def _trials(ground: AxisSummary) -> list[Trial]:
     """Three masses, three shares; and what a model without it takes for one carriage: both swing in unison where
 
     me/m = share/((1 - share)(1 - split));  then the carriage seems to weigh m + me, on 1 - share + share/(1 - split) of the stiffness;
@@ -75,12 +75,12 @@ EFFECT = Effect(
     ),
     bodies=(Body("end_pulley", Parameter("mass", "kg", "belt", 0.2, 1e-3, 100.0, "inertia of the end pulley over r²")),),
     elements=(
-        Element((DRIVING_END, "end_pulley"), far, far_slope),
-        Element(("end_pulley", "cart"), near, near_slope),
-        Element((DRIVING_END, "cart"), direct, direct_slope),
+        Element((DRIVING_END, "end_pulley"), _far, _far_slope),
+        Element(("end_pulley", "cart"), _near, _near_slope),
+        Element((DRIVING_END, "cart"), _direct, _direct_slope),
     ),
     uses=(BELT_STIFFNESS, BELT_DAMPING),
-    trials=trials,
+    trials=_trials,
     twins=("dead_time",),
     separate="record an excitation up to 250 Hz at another place of the carriage",
     apart={

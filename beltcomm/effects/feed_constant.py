@@ -5,12 +5,12 @@ from __future__ import annotations
 from beltcomm.effects._effect import Effect, Parameter
 
 
-def travel(theta: float, error: float) -> float:
+def _travel(theta: float, error: float) -> float:
     """Angle by which the belt runs ahead:  error θ, rad, so that u = i_t (1 + error) θ.   θ : rad, absolute motor angle."""
     return error * theta
 
 
-def slope(theta: float, error: float) -> float:
+def _slope(theta: float, error: float) -> float:
     """d/dθ; the lever arm is i_t (1 + this)."""
     return error
 
@@ -20,8 +20,8 @@ EFFECT = Effect(
     slot="kinematics",
     title="error of the feed constant",
     parameters=(Parameter("error", "1", "belt", 0.0, -0.1, 0.1, "true travel per turn over that of the axis file, minus one"),),
-    law=travel,
-    slope=slope,
+    law=_travel,
+    slope=_slope,
     seen="a scale at the carriage and the motor angle drift apart in proportion to the way",
     causes="worn or wrong pulley, belt that creeps, a wrong data sheet",
     check="dial gauge or tape over the whole travel; number of teeth and pitch of the belt",

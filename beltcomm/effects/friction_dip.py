@@ -4,24 +4,20 @@ from __future__ import annotations
 
 import math
 
-from beltcomm.effects._effect import AxisSummary, DiscriminatingExperiment, Effect, Parameter, Trial
+from beltcomm.effects._effect import DiscriminatingExperiment, Effect, Parameter
 from beltcomm.effects._records import ENDS, MIDDLE, reversals, slow, wide
+from beltcomm.effects.stribeck import trials
 
 
-def level(speed: float, position: float, t: float, amount: float, speed_scale: float) -> float:
+def _level(speed: float, position: float, t: float, amount: float, speed_scale: float) -> float:
     """Additional level of friction:  amount (1 - exp(-(speed/speed_scale)²)), N m at the motor; the Coulomb level is that at standstill."""
     x = speed / speed_scale
     return amount * (1.0 - math.exp(-(x * x)))
 
 
-def slope(speed: float, position: float, t: float, amount: float, speed_scale: float) -> float:
+def _slope(speed: float, position: float, t: float, amount: float, speed_scale: float) -> float:
     """d level/d speed."""
     return 2.0 * amount * speed / speed_scale**2 * math.exp(-((speed / speed_scale) ** 2))
-
-
-def trials(ground: AxisSummary) -> list[Trial]:
-    """Half the Coulomb friction less at standstill, at three speed scales."""
-    return [Trial({"amount": 0.4 * ground.coulomb, "speed_scale": v / ground.ratio}) for v in (0.012, 0.03, 0.07)]
 
 
 EFFECT = Effect(
@@ -33,8 +29,8 @@ EFFECT = Effect(
         # A larger scale would imitate viscous friction.
         Parameter("speed_scale", "rad/s", "motor", 2.5, 0.2, 10.0, "speed at which all but 1/e of it is there"),
     ),
-    law=level,
-    slope=slope,
+    law=_level,
+    slope=_slope,
     body="motor",
     trials=trials,
     twins=("presliding", "dead_time"),

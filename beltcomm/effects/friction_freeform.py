@@ -8,7 +8,7 @@ from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial
 KNOTS = (0.0, 0.04, 0.12, 0.35, 1.0)
 
 
-def level(
+def _level(
     speed: float, position: float, t: float, fastest: float,
     f1: float, f2: float, f3: float, f4: float, f5: float, b1: float, b2: float, b3: float, b4: float, b5: float,
 ) -> float:  # fmt: skip
@@ -34,7 +34,7 @@ def level(
     return c5
 
 
-def slope(
+def _slope(
     speed: float, position: float, t: float, fastest: float,
     f1: float, f2: float, f3: float, f4: float, f5: float, b1: float, b2: float, b3: float, b4: float, b5: float,
 ) -> float:  # fmt: skip
@@ -50,7 +50,7 @@ def slope(
 _NAMES = tuple(f"{way}_{k}" for way in ("forward", "backward") for k in range(1, len(KNOTS) + 1))
 
 
-def trials(ground: AxisSummary) -> list[Trial]:
+def _trials(ground: AxisSummary) -> list[Trial]:
     """All levels at once, each an amplitude of its own."""
     return [Trial({"fastest": ground.fastest, **dict.fromkeys(_NAMES, 0.2 * ground.coulomb)}, amplitudes=_NAMES, signed=True)]
 
@@ -63,10 +63,10 @@ EFFECT = Effect(
         Parameter("fastest", "rad/s", "motor", 40.0, 1e-3, 1e5, "speed of the last knot: the fastest recorded", fitted=False),
         *(Parameter(name, "N m", "motor", 0.0, -5.0, 5.0, f"friction above the model's at knot {name[-1]}") for name in _NAMES),
     ),
-    law=level,
-    slope=slope,
+    law=_level,
+    slope=_slope,
     body="motor",
-    trials=trials,
+    trials=_trials,
     bound=True,
     seen="how far any law of friction over speed and direction could lower the error",
     causes="none: it is a bound for the named laws of friction",

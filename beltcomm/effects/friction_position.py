@@ -10,7 +10,7 @@ from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial
 _SPACING_M, _WIDTHS_M = 0.04, (0.045,)
 
 
-def level(speed: float, position: float, t: float, amount: float, place: float, width: float, flatness: float) -> float:
+def _level(speed: float, position: float, t: float, amount: float, place: float, width: float, flatness: float) -> float:
     """Additional level of friction:  amount exp(-|(position - place)/width|^flatness), N m at the motor or N at the carriage.
 
     Parameters
@@ -20,12 +20,12 @@ def level(speed: float, position: float, t: float, amount: float, place: float, 
     return amount * math.exp(-math.pow(abs((position - place) / width), flatness))
 
 
-def slope(speed: float, position: float, t: float, amount: float, place: float, width: float, flatness: float) -> float:
+def _slope(speed: float, position: float, t: float, amount: float, place: float, width: float, flatness: float) -> float:
     """d level/d speed: none."""
     return 0.0
 
 
-def trials(ground: AxisSummary) -> list[Trial]:
+def _trials(ground: AxisSummary) -> list[Trial]:
     """A tight spot at every 4 cm of the way covered; a motor alone has no way."""
     if not ground.belt and ground.side != "load":
         return []
@@ -48,10 +48,10 @@ MOTOR = Effect(
         Parameter("width", "m", "cart", 0.05, 0.005, 1.0, "distance at which 1/e of it is left"),
         Parameter("flatness", "1", "cart", 2.0, 1.0, 40.0, "2: bell; more: flat top and steep flanks", fitted=False, form=True),
     ),
-    law=level,
-    slope=slope,
+    law=_level,
+    slope=_slope,
     body="motor",
-    trials=trials,
+    trials=_trials,
     completed_by=("friction_position_cart",),
     seen="torque of slow strokes rises at one place, in both directions",
     causes="bent rail, dirt, tight carriage",
@@ -68,8 +68,8 @@ CART = Effect(
     slot="friction_level",
     title="tight spot, what of it acts on the carriage",
     parameters=(Parameter("amount", "N", "cart", 3.0, -400.0, 400.0, "friction of the carriage at the spot above that elsewhere"),),
-    law=level,
-    slope=slope,
+    law=_level,
+    slope=_slope,
     body="cart",
     uses=tuple(f"friction_position.{p.name}" for p in MOTOR.parameters[1:]),
     seen="beside the tight spot excitations find the carriage free, at it they find it held",

@@ -8,7 +8,7 @@ from beltcomm.effects._effect import AxisSummary, DiscriminatingExperiment, Effe
 from beltcomm.effects._records import AGAIN, sweep
 
 
-def level(speed: float, position: float, t: float, sine: float, cosine: float, ratio: float) -> float:
+def _level(speed: float, position: float, t: float, sine: float, cosine: float, ratio: float) -> float:
     """Level of friction of a disc that runs out:  hypot(sine, cosine) + sine sin θ + cosine cos θ, N m,   θ = position/ratio, rad.
 
     It touches from not at all to twice its mean; the mean is part of the Coulomb level for whoever looks at it from outside.
@@ -17,12 +17,12 @@ def level(speed: float, position: float, t: float, sine: float, cosine: float, r
     return math.sqrt(sine * sine + cosine * cosine) + sine * math.sin(angle) + cosine * math.cos(angle)
 
 
-def slope(speed: float, position: float, t: float, sine: float, cosine: float, ratio: float) -> float:
+def _slope(speed: float, position: float, t: float, sine: float, cosine: float, ratio: float) -> float:
     """d level/d speed: none."""
     return 0.0
 
 
-def trials(ground: AxisSummary) -> list[Trial]:
+def _trials(ground: AxisSummary) -> list[Trial]:
     """Sine and cosine as two columns; not where no motor angle is known."""
     if ground.side == "load":
         return []
@@ -38,11 +38,11 @@ EFFECT = Effect(
         Parameter("sine", "N m", "motor", 0.0, -5.0, 5.0, "part of the drag that follows the sine of the motor angle"),
         Parameter("cosine", "N m", "motor", 0.0, -5.0, 5.0, "part of the drag that follows the cosine"),
     ),
-    law=level,
-    slope=slope,
+    law=_level,
+    slope=_slope,
     body="motor",
     uses=("transmission.ratio",),
-    trials=trials,
+    trials=_trials,
     twins=("pulley_eccentricity", "encoder_eccentricity"),
     separate="turn slowly forward and backward: drag turns its sign with the direction, run-out does not; or lift the brake by hand",
     apart={

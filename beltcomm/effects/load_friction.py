@@ -6,7 +6,7 @@ from beltcomm.effects._effect import AxisSummary, DiscriminatingExperiment, Effe
 from beltcomm.effects._records import moves
 
 
-def level(load: float, share: float) -> float:
+def _level(load: float, share: float) -> float:
     """Additional level of friction of the motor:  share |load|, N m.
 
     Parameters
@@ -17,12 +17,12 @@ def level(load: float, share: float) -> float:
     return share * abs(load)
 
 
-def slope(load: float, share: float) -> float:
+def _slope(load: float, share: float) -> float:
     """d level/d load."""
     return share if load > 0.0 else -share
 
 
-def trials(ground: AxisSummary) -> list[Trial]:
+def _trials(ground: AxisSummary) -> list[Trial]:
     """Five per cent."""
     return [Trial({"share": 0.05})] if ground.belt else []
 
@@ -32,10 +32,10 @@ EFFECT = Effect(
     slot="load_friction",
     title="friction that grows with the load",
     parameters=(Parameter("share", "1", "motor", 0.02, 0.0, 0.9, "friction over the torque that is transmitted"),),
-    law=level,
-    slope=slope,
+    law=_level,
+    slope=_slope,
     body="motor",
-    trials=trials,
+    trials=_trials,
     twins=("torque_saturation",),
     separate="drive and brake at the same torque: friction works against the motion both times, a lost torque against the torque",
     apart={

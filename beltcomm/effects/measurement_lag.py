@@ -12,7 +12,7 @@ from beltcomm.effects.current_lag import response
 
 
 @compiled
-def read(torque: Array, start: float, h: float, time: float) -> Array:
+def _read(torque: Array, start: float, h: float, time: float) -> Array:
     """Reading of a torque, behind a lag 1/(1 + time s).
 
     time y' = u - y,   y_0 = start.   Exact for a torque that is straight between the samples.
@@ -37,7 +37,7 @@ def read(torque: Array, start: float, h: float, time: float) -> Array:
     return out
 
 
-def trials(ground: AxisSummary) -> list[Trial]:
+def _trials(ground: AxisSummary) -> list[Trial]:
     """Six times over the whole range."""
     return [Trial({"time": time}) for time in (3e-4, 1e-3, 4e-3, 1.5e-2, 5e-2, 1.2e-1)]
 
@@ -47,10 +47,10 @@ EFFECT = Effect(
     slot="torque_reading",
     title="lag of the torque reading",
     parameters=(Parameter("time", "s", "drive", 1e-3, 0.0, 0.2, "time constant from the torque to its reading"),),
-    law=read,
+    law=_read,
     slope=response,
     group=TORQUE_LAG,
-    trials=trials,
+    trials=_trials,
     twins=("dead_time", "current_lag"),
     separate="record the same way at another speed: a lag moves and flattens a ripple with speed; a repeat at one speed cannot show it",
     apart={

@@ -14,17 +14,17 @@ SWINGING = 0.5
 USUAL_HARDENING, STIFFER = 1e3, 0.002
 
 
-def force(stretch: float, rate: float, x: float, stiffness: float, damping: float, hardening: float) -> float:
+def _force(stretch: float, rate: float, x: float, stiffness: float, damping: float, hardening: float) -> float:
     """Force between carriage and payload:  stiffness stretch (1 + hardening stretch²) + damping rate, N."""
     return stiffness * stretch * (1.0 + hardening * stretch * stretch) + damping * rate
 
 
-def slope(x: float, stiffness: float, damping: float, hardening: float) -> tuple[float, float]:
+def _slope(x: float, stiffness: float, damping: float, hardening: float) -> tuple[float, float]:
     """(stiffness N/m, damping N s/m) of small swings."""
     return stiffness, damping
 
 
-def trials(ground: AxisSummary) -> list[Trial]:
+def _trials(ground: AxisSummary) -> list[Trial]:
     """A third of the carriage on springs from 5 Hz to three quarters of the antiresonance and beyond, lightly damped."""
     low, high = 4.0, 1.5 * max(ground.antiresonance_hz, 12.0)
     mass = 0.35 * ground.mass
@@ -66,8 +66,8 @@ EFFECT = Effect(
     bodies=(
         Body("payload", Parameter("mass", "kg", "cart", 0.5, 1e-3, 1e3, "mass that swings; the carriage keeps the rest"), swings=2e-3),
     ),
-    elements=(Element(("cart", "payload"), force, slope),),
-    trials=trials,
+    elements=(Element(("cart", "payload"), _force, _slope),),
+    trials=_trials,
     unlikely=implausible,
     seen="a second notch and peak in the frequency response; ringing after moves at low frequency",
     causes="soft gripper, mast, liquid",

@@ -10,7 +10,7 @@ from beltcomm.effects._records import reversals, tiny
 
 
 @compiled
-def friction_share(step: float, z: float, length: float) -> float:
+def _friction_share(step: float, z: float, length: float) -> float:
     """Share of the friction level that acts after a small step, -1 to 1 (Dahl, distance driven).
 
     z' = s + (z - s) exp(-|step|/length),   s = sign(step)
@@ -29,17 +29,17 @@ def friction_share(step: float, z: float, length: float) -> float:
     return side + (z - side) * math.exp(-abs(step) / length)
 
 
-def friction_share_at_carriage(step: float, z: float, length: float, level: float) -> float:
+def _friction_share_at_carriage(step: float, z: float, length: float, level: float) -> float:
     """Share of the friction level at the carriage; ``level`` : N, the friction that turns round, is not needed for it."""
-    return friction_share(step, z, length)
+    return _friction_share(step, z, length)
 
 
-def trials(ground: AxisSummary) -> list[Trial]:
+def _trials(ground: AxisSummary) -> list[Trial]:
     """Three lengths."""
     return [Trial({"length": length}) for length in (1.5e-5, 4e-5, 1e-4)]
 
 
-def cart_trials(ground: AxisSummary) -> list[Trial]:
+def _cart_trials(ground: AxisSummary) -> list[Trial]:
     """Balls and their cage give way by less than lips do."""
     return [Trial({"length": length}) for length in (2e-6, 6e-6, 3e-5)]
 
@@ -49,9 +49,9 @@ MOTOR = Effect(
     slot="friction_onset",
     title="friction that builds up over a distance",
     parameters=(Parameter("length", "m", "motor", 3e-5, 2e-7, 2e-3, "travel over which friction turns round"),),
-    law=friction_share,
+    law=_friction_share,
     body="motor",
-    trials=trials,
+    trials=_trials,
     least=3e-6,  # every rolling contact gives way by 1 to 2 um before it rolls: two counts of the encoder
     seen="after a reversal friction does not jump but grows over some tens of micrometres",
     causes="elastic seal lips, bearing preload",
@@ -68,10 +68,10 @@ CART = Effect(
     slot="friction_onset",
     title="friction of the carriage that builds up over a distance",
     parameters=(Parameter("length", "m", "cart", 5e-6, 5e-7, 2e-3, "travel over which the carriage's friction turns round"),),
-    law=friction_share_at_carriage,
+    law=_friction_share_at_carriage,
     uses=("cart_friction.level",),
     body="cart",
-    trials=cart_trials,
+    trials=_cart_trials,
     twins=("cart_friction",),
     separate="an excitation so small that the carriage hardly leaves its place",
     apart={

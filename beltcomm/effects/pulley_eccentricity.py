@@ -8,7 +8,7 @@ from beltcomm.effects._effect import AxisSummary, DiscriminatingExperiment, Effe
 from beltcomm.effects._records import belt_off, moves, sweep
 
 
-def travel(theta: float, sine: float, cosine: float) -> float:
+def _travel(theta: float, sine: float, cosine: float) -> float:
     """Angle by which the belt runs ahead:  sine sin θ + cosine cos θ, rad, so that u = i_t (θ + this).   θ : rad, absolute.
 
     With a gearbox the pulley turns slower than the motor: only ratio 1 is described.
@@ -21,29 +21,29 @@ def travel(theta: float, sine: float, cosine: float) -> float:
     return sine * math.sin(theta) + cosine * math.cos(theta)
 
 
-def slope(theta: float, sine: float, cosine: float) -> float:
+def _slope(theta: float, sine: float, cosine: float) -> float:
     """d/dθ; the lever arm is i_t (1 + this)."""
     return sine * math.cos(theta) - cosine * math.sin(theta)
 
 
-def oval_travel(theta: float, sine: float, cosine: float) -> float:
+def _oval_travel(theta: float, sine: float, cosine: float) -> float:
     """Travel error twice per turn:  sine sin 2θ + cosine cos 2θ, rad."""
     return sine * math.sin(2.0 * theta) + cosine * math.cos(2.0 * theta)
 
 
-def oval_slope(theta: float, sine: float, cosine: float) -> float:
+def _oval_slope(theta: float, sine: float, cosine: float) -> float:
     """d/dθ."""
     return 2.0 * (sine * math.cos(2.0 * theta) - cosine * math.sin(2.0 * theta))
 
 
-def trials(ground: AxisSummary) -> list[Trial]:
+def _trials(ground: AxisSummary) -> list[Trial]:
     """Sine and cosine as two columns; none behind a gearbox, where the pulley does not turn with the motor."""
     if ground.gear != 1.0:
         return []
     return [Trial({"sine": 0.01, "cosine": 0.01}, amplitudes=("sine", "cosine"), signed=True)]
 
 
-def harmonic_effect(index: int) -> Effect:
+def _harmonic_effect(index: int) -> Effect:
     """``pulley_eccentricity``, and ``pulley_eccentricity_2`` for twice per turn."""
     oval = index == 2
     return Effect(
@@ -55,9 +55,9 @@ def harmonic_effect(index: int) -> Effect:
             Parameter("sine", "1", "belt", 0.0, -0.2, 0.2, "run-out over radius, part in phase with the angle"),
             Parameter("cosine", "1", "belt", 0.0, -0.2, 0.2, "run-out over radius, part in quadrature"),
         ),
-        law=oval_travel if oval else travel,
-        slope=oval_slope if oval else slope,
-        trials=trials,
+        law=_oval_travel if oval else _travel,
+        slope=_oval_slope if oval else _slope,
+        trials=_trials,
         twins=("encoder_eccentricity",),
         separate="take the belt off and spin the motor: the encoder's part stays, that of the pulley goes; or turn the pulley by 180°",
         apart={
@@ -79,4 +79,4 @@ def harmonic_effect(index: int) -> Effect:
     )
 
 
-EFFECTS = (harmonic_effect(1), harmonic_effect(2))
+EFFECTS = (_harmonic_effect(1), _harmonic_effect(2))

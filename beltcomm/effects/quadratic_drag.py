@@ -5,7 +5,7 @@ from __future__ import annotations
 from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial
 
 
-def force(position: float, speed: float, t: float, factor: float) -> float:
+def _force(position: float, speed: float, t: float, factor: float) -> float:
     """Force on the carriage:  -factor speed |speed|, N.
 
     Parameters
@@ -19,12 +19,12 @@ def force(position: float, speed: float, t: float, factor: float) -> float:
     return -factor * speed * abs(speed)
 
 
-def slope(position: float, speed: float, t: float, factor: float) -> tuple[float, float]:
+def _slope(position: float, speed: float, t: float, factor: float) -> tuple[float, float]:
     """(d force/d position, d force/d speed)."""
     return 0.0, -2.0 * factor * abs(speed)
 
 
-def trials(ground: AxisSummary) -> list[Trial]:
+def _trials(ground: AxisSummary) -> list[Trial]:
     """One: the column is linear in the factor."""
     return [Trial({"factor": 2.0})]
 
@@ -35,10 +35,10 @@ EFFECT = Effect(
     slot="force",
     title="drag with the square of speed",
     parameters=(Parameter("factor", "N s2/m2", "cart", 1.0, 0.0, 200.0, "force over speed squared"),),
-    law=force,
-    slope=slope,
+    law=_force,
+    slope=_slope,
     body="cart",
-    trials=trials,
+    trials=_trials,
     seen="fast strokes need more torque than viscous friction says",
     causes="air drag, large covers, bellows, seals",
     check="take covers or bellows off and repeat the fast strokes",

@@ -23,7 +23,7 @@ _STIFFNESS = "belt_stiffness.stiffness"
 
 
 @compiled
-def change(x: float, share: float, offset: float, pulley_distance: float, middle: float) -> float:
+def _change(x: float, share: float, offset: float, pulley_distance: float, middle: float) -> float:
     """Change of the stiffness as a share of that at ``middle``:  1/(1 - share + share h(x)/h(middle)) - 1,   h = l1 (2 l3 - l1).
 
     h is the compliance of the two strands side by side, l1 = offset + x; clamps and teeth are as soft everywhere, in series.  Together
@@ -44,7 +44,7 @@ def change(x: float, share: float, offset: float, pulley_distance: float, middle
     return 1.0 / max(1.0 - share + share * soft, LEAST_COMPLIANCE) - 1.0
 
 
-def force(
+def _force(
     stretch: float,
     rate: float,
     x: float,
@@ -64,18 +64,18 @@ def force(
     stiffness, damping : float, N/m
         N s/m at ``middle``.
     """
-    return change(x, share, offset, pulley_distance, middle) * (stiffness * stretch + damping * rate)
+    return _change(x, share, offset, pulley_distance, middle) * (stiffness * stretch + damping * rate)
 
 
-def slope(
+def _slope(
     x: float, share: float, offset: float, pulley_distance: float, middle: float, stiffness: float, damping: float
 ) -> tuple[float, float]:
     """(stiffness N/m, damping N s/m)."""
-    more = change(x, share, offset, pulley_distance, middle)
+    more = _change(x, share, offset, pulley_distance, middle)
     return stiffness * more, damping * more
 
 
-def trials(ground: AxisSummary) -> list[Trial]:
+def _trials(ground: AxisSummary) -> list[Trial]:
     """Trials from the stiffness at each place; with the geometry of the data sheet where there is one, else three free lengths."""
     middle = 0.5 * (ground.low_m + ground.high_m)
     distance = ground.pulley_distance_m or 1.2 * (ground.high_m - min(ground.low_m, 0.0)) + 0.1
@@ -84,10 +84,10 @@ def trials(ground: AxisSummary) -> list[Trial]:
     geometry = {"pulley_distance": distance, "middle": middle}
     offsets = [max(offset, 0.02 - ground.low_m) for offset in offsets]
     plain = [Trial({"share": 0.6, "offset": offset, **geometry}, signed=True) for offset in offsets]
-    return [*compliance_trials(ground, geometry, offsets[0]), *plain]
+    return [*_compliance_trials(ground, geometry, offsets[0]), *plain]
 
 
-def compliance_trials(ground: AxisSummary, geometry: Mapping[str, float], offset: float) -> list[Trial]:
+def _compliance_trials(ground: AxisSummary, geometry: Mapping[str, float], offset: float) -> list[Trial]:
     """The law through the compliance seen at three places or more, or with the strands of ``offset``, m, through that seen at two."""
     if not ground.stiffness_at:
         return []
@@ -141,9 +141,9 @@ EFFECT = Effect(
         Parameter("pulley_distance", "m", "belt", 1.0, 0.05, 50.0, "distance l3 between the pulley centres", fitted=False),
         Parameter("middle", "m", "cart", 0.3, -50.0, 50.0, "place where belt_stiffness is meant", fitted=False),
     ),
-    elements=(Element((DRIVING_END, "cart"), force, slope),),
+    elements=(Element((DRIVING_END, "cart"), _force, _slope),),
     uses=(BELT_STIFFNESS, BELT_DAMPING),
-    trials=trials,
+    trials=_trials,
     seen="antiresonance and resonance move with the carriage position",
     causes="free belt lengths change with the place: every belt axis has it more or less",
     check="belt path, position of the clamp; nothing to repair",

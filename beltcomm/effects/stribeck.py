@@ -11,7 +11,7 @@ from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial
 LEAST, MOST, MET = 0.5, 4.0, 0.005
 
 
-def level(speed: float, position: float, t: float, amount: float, speed_scale: float, exponent: float) -> float:
+def _level(speed: float, position: float, t: float, amount: float, speed_scale: float, exponent: float) -> float:
     """Additional level of friction:  amount exp(-|speed/speed_scale|^exponent), N m at the motor.
 
     Source: thesis (2.21) with Stribeck's term; exponent 2 after Armstrong-Hélouvry, 0.5 to 4 have been measured.
@@ -19,15 +19,15 @@ def level(speed: float, position: float, t: float, amount: float, speed_scale: f
     return amount * math.exp(-math.pow(abs(speed / speed_scale), exponent))
 
 
-def slope(speed: float, position: float, t: float, amount: float, speed_scale: float, exponent: float) -> float:
+def _slope(speed: float, position: float, t: float, amount: float, speed_scale: float, exponent: float) -> float:
     """d level/d speed; at standstill 0, between the slopes of both directions."""
     if speed == 0.0:
         return 0.0
     share = exponent / speed * math.pow(abs(speed / speed_scale), exponent)
-    return -share * level(speed, position, t, amount, speed_scale, exponent)
+    return -share * _level(speed, position, t, amount, speed_scale, exponent)
 
 
-def level_at_carriage(speed: float, position: float, t: float, amount: float, speed_scale: float, exponent: float, ratio: float) -> float:
+def _level_at_carriage(speed: float, position: float, t: float, amount: float, speed_scale: float, exponent: float, ratio: float) -> float:
     """Additional level of friction at the carriage, N.
 
     Parameters
@@ -39,17 +39,23 @@ def level_at_carriage(speed: float, position: float, t: float, amount: float, sp
     return amount * math.exp(-math.pow(abs(speed / (ratio * speed_scale)), exponent))
 
 
-def slope_at_carriage(speed: float, position: float, t: float, amount: float, speed_scale: float, exponent: float, ratio: float) -> float:
+def _slope_at_carriage(speed: float, position: float, t: float, amount: float, speed_scale: float, exponent: float, ratio: float) -> float:
     """d level/d speed, N s/m."""
-    return slope(speed / ratio, position, t, amount, speed_scale, exponent) / ratio
+    return _slope(speed / ratio, position, t, amount, speed_scale, exponent) / ratio
 
 
 def trials(ground: AxisSummary) -> list[Trial]:
-    """Half the Coulomb friction more at standstill, at three speed scales."""
+    """Half the Coulomb friction more at standstill, or less, at three speed scales.
+
+    Parameters
+    ----------
+    ground : AxisSummary
+        Of the axis that is searched.
+    """
     return [Trial({"amount": 0.4 * ground.coulomb, "speed_scale": v / ground.ratio}) for v in (0.012, 0.03, 0.07)]
 
 
-def implausible(values: Mapping[str, float]) -> str:
+def _implausible(values: Mapping[str, float]) -> str:
     """True if it falls more slowly than any that was measured: so does friction that grows with the logarithm of the time of contact."""
     return "friction that falls with the logarithm of the speed" if values["exponent"] < LEAST + MET else ""
 
@@ -64,12 +70,12 @@ MOTOR = Effect(
         Parameter("speed_scale", "rad/s", "motor", 2.5, 0.2, 10.0, "speed at which 1/e of it is left"),
         Parameter("exponent", "1", "motor", 2.0, LEAST, MOST, "how suddenly it falls with speed", fitted=False, form=True),
     ),
-    law=level,
-    slope=slope,
+    law=_level,
+    slope=_slope,
     body="motor",
     trials=trials,
     completed_by=("stribeck_cart",),
-    unlikely=implausible,
+    unlikely=_implausible,
     seen="slow strokes need more torque than the friction of faster ones says; stick-slip at creeping speed",
     causes="boundary lubrication, new seals, carriage preload",
     check="grease, seals, preload of the carriage",
@@ -87,8 +93,8 @@ CART = Effect(
     slot="friction_level",
     title="Stribeck friction, what of it acts on the carriage",
     parameters=(Parameter("amount", "N", "cart", 3.0, 0.0, 400.0, "friction of the carriage at standstill above that in motion"),),
-    law=level_at_carriage,
-    slope=slope_at_carriage,
+    law=_level_at_carriage,
+    slope=_slope_at_carriage,
     body="cart",
     uses=("stribeck.speed_scale", "stribeck.exponent", "transmission.ratio"),
     seen="slow strokes need more torque, and small excitations find the carriage held more than large ones do",

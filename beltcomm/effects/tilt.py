@@ -10,7 +10,7 @@ from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial
 GRAVITY_M_S2 = 9.80665
 
 
-def force(position: float, speed: float, t: float, angle: float, mass: float) -> float:
+def _force(position: float, speed: float, t: float, angle: float, mass: float) -> float:
     """Force on the carriage:  f_g = -m_c g sin(angle), N.
 
     Parameters
@@ -27,12 +27,12 @@ def force(position: float, speed: float, t: float, angle: float, mass: float) ->
     return -mass * GRAVITY_M_S2 * math.sin(angle)
 
 
-def slope(position: float, speed: float, t: float, angle: float, mass: float) -> tuple[float, float]:
+def _slope(position: float, speed: float, t: float, angle: float, mass: float) -> tuple[float, float]:
     """(d force/d position, d force/d speed): none."""
     return 0.0, 0.0
 
 
-def trials(ground: AxisSummary) -> list[Trial]:
+def _trials(ground: AxisSummary) -> list[Trial]:
     """Both ways, as a twentieth of the Coulomb friction pulls and up to eight times as much."""
     sines = [share * ground.coulomb / (ground.ratio * ground.mass * GRAVITY_M_S2) for share in (0.05, 0.1, 0.2, 0.4)]
     return [Trial({"angle": sign * math.asin(min(sine, 1.0))}) for sine in sines for sign in (1.0, -1.0)] if ground.belt else []
@@ -43,11 +43,11 @@ EFFECT = Effect(
     slot="force",
     title="tilt of the axis",
     parameters=(Parameter("angle", "rad", "cart", 0.0, -math.pi / 2, math.pi / 2, "angle to the horizontal, rising positive"),),
-    law=force,
-    slope=slope,
+    law=_force,
+    slope=_slope,
     body="cart",
     uses=("cart.mass",),
-    trials=trials,
+    trials=_trials,
     behind_gap=True,
     seen="more torque in one direction than in the other, at every speed; grows with the payload",
     causes="axis mounted at an angle, or not level",

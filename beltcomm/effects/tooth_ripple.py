@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from beltcomm.effects._effect import AxisSummary, DiscriminatingExperiment, Effect, Parameter, Trial
-from beltcomm.effects._records import belt_off, pulley_turned
+from beltcomm.effects._effect import AxisSummary, DiscriminatingExperiment, Effect, ManualCheck, Parameter, Trial
+from beltcomm.effects._records import AGAIN, belt_off
 from beltcomm.effects.cogging import force, slope
 
 
-def trials(ground: AxisSummary) -> list[Trial]:
+def _trials(ground: AxisSummary) -> list[Trial]:
     """The order is the number of teeth over the gear ratio; none without it."""
     if ground.teeth <= 0:
         return []
@@ -29,14 +29,21 @@ EFFECT = Effect(
     law=force,
     slope=slope,
     body="motor",
-    trials=trials,
+    trials=_trials,
     harmonic="load",
     twins=("cogging",),
     separate="take the belt off and turn the motor slowly: the ripple of the teeth goes, cogging stays",
     apart={
         "cogging": DiscriminatingExperiment(
             "nothing that moves by the motor: at one order both are the same law",
-            hands=(belt_off("cogging", "the mesh of the teeth"), pulley_turned("cogging", "the teeth")),
+            hands=(
+                belt_off("cogging", "the mesh of the teeth"),
+                ManualCheck(
+                    "loosen the driving pulley, turn it on its shaft by a quarter of the ripple's period, clamp it again",
+                    AGAIN,
+                    "the phase of cogging at the motor angle stays, that of the teeth moves by a quarter",
+                ),
+            ),
         ),
     },
     seen="torque ripples with the pitch of the belt",

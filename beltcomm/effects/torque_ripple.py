@@ -10,12 +10,12 @@ from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial
 HIGHEST_ORDER = 60
 
 
-def torque_path(torque: float, theta: float, t: float, order: float, sine: float, cosine: float) -> float:
+def _torque_path(torque: float, theta: float, t: float, order: float, sine: float, cosine: float) -> float:
     """Acting torque:  torque (1 + sine sin(order θ) + cosine cos(order θ)), N m.   θ : rad, absolute motor angle."""
     return torque * (1.0 + sine * math.sin(order * theta) + cosine * math.cos(order * theta))
 
 
-def trials(ground: AxisSummary) -> list[Trial]:
+def _trials(ground: AxisSummary) -> list[Trial]:
     """Every order, sine and cosine as two columns."""
     size = {"sine": 0.05, "cosine": 0.05}
     return [Trial({"order": float(n), **size}, amplitudes=("sine", "cosine"), signed=True) for n in range(1, HIGHEST_ORDER + 1)]
@@ -30,8 +30,8 @@ EFFECT = Effect(
         Parameter("sine", "1", "drive", 0.0, -0.5, 0.5, "amplitude of the sine, as a share of the torque"),
         Parameter("cosine", "1", "drive", 0.0, -0.5, 0.5, "amplitude of the cosine, as a share of the torque"),
     ),
-    law=torque_path,
-    trials=trials,
+    law=_torque_path,
+    trials=_trials,
     harmonic="gain",
     seen="ripple with the motor angle that grows with torque",
     causes="gain of one current sensor, commutation angle",

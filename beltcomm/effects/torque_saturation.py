@@ -7,7 +7,7 @@ import math
 from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial
 
 
-def torque_path(torque: float, theta: float, t: float, loss: float, peak: float, exponent: float) -> float:
+def _torque_path(torque: float, theta: float, t: float, loss: float, peak: float, exponent: float) -> float:
     """Acting torque:  torque (1 - loss |torque/peak|^exponent), N m.
 
     Parameters
@@ -18,7 +18,7 @@ def torque_path(torque: float, theta: float, t: float, loss: float, peak: float,
     return torque * (1.0 - loss * math.pow(abs(torque / peak), exponent))
 
 
-def trials(ground: AxisSummary) -> list[Trial]:
+def _trials(ground: AxisSummary) -> list[Trial]:
     """One, measured at the largest torque recorded."""
     return [Trial({"loss": 0.1, "peak": ground.peak_nm}, signed=True)]
 
@@ -32,8 +32,8 @@ EFFECT = Effect(
         Parameter("peak", "N m", "drive", 3.0, 0.01, 1000.0, "torque at which the loss is stated: the largest recorded", fitted=False),
         Parameter("exponent", "1", "drive", 2.0, 0.5, 12.0, "how suddenly the loss sets in", fitted=False, form=True),
     ),
-    law=torque_path,
-    trials=trials,
+    law=_torque_path,
+    trials=_trials,
     seen="large torques accelerate less than small ones",
     causes="saturation of the iron, field weakening, hot magnets",
     check="torque constant against current at standstill, at rated and at peak current",

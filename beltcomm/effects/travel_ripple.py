@@ -13,19 +13,19 @@ SHORTEST_M = 1e-3
 FEWEST, STEP = 4.0, 0.7
 
 
-def force(position: float, speed: float, t: float, period: float, sine: float, cosine: float) -> float:
+def _force(position: float, speed: float, t: float, period: float, sine: float, cosine: float) -> float:
     """Force on the carriage:  -(sine sin(2 π x/period) + cosine cos(2 π x/period)), N.   x : m, absolute carriage position."""
     phase = 2.0 * math.pi * position / period
     return -(sine * math.sin(phase) + cosine * math.cos(phase))
 
 
-def slope(position: float, speed: float, t: float, period: float, sine: float, cosine: float) -> tuple[float, float]:
+def _slope(position: float, speed: float, t: float, period: float, sine: float, cosine: float) -> tuple[float, float]:
     """(d force/d position, d force/d speed)."""
     rate = 2.0 * math.pi / period
     return -rate * (sine * math.cos(rate * position) - cosine * math.sin(rate * position)), 0.0
 
 
-def trials(ground: AxisSummary) -> list[Trial]:
+def _trials(ground: AxisSummary) -> list[Trial]:
     """Periods from a quarter of the travel down to a millimetre; only where no motor angle is known, whose orders are tried else."""
     span = ground.high_m - ground.low_m
     if ground.side != "load" or span <= FEWEST * SHORTEST_M:
@@ -44,10 +44,10 @@ EFFECT = Effect(
         Parameter("sine", "N", "cart", 0.0, -1000.0, 1000.0, "amplitude of the sine"),
         Parameter("cosine", "N", "cart", 0.0, -1000.0, 1000.0, "amplitude of the cosine"),
     ),
-    law=force,
-    slope=slope,
+    law=_force,
+    slope=_slope,
     body="cart",
-    trials=trials,
+    trials=_trials,
     twins=("cogging", "tooth_ripple"),
     separate="compare the period with the lead of the screw, the pitch of the magnets, the teeth of the rack",
     apart={

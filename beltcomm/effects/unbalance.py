@@ -13,7 +13,7 @@ _SHARE = 0.2
 _FEWEST_RAD = 1.0
 
 
-def force(position: float, speed: float, t: float, order: float, sine: float, cosine: float) -> float:
+def _force(position: float, speed: float, t: float, order: float, sine: float, cosine: float) -> float:
     """Torque on the motor:  -(sine sin(order θ) + cosine cos(order θ)), N m.   θ : rad, absolute motor angle.
 
     m g l over the gear ratio is sqrt(sine² + cosine²); the arm hangs where sine sin(order θ) + cosine cos(order θ) is 0 and rises.
@@ -30,7 +30,7 @@ def force(position: float, speed: float, t: float, order: float, sine: float, co
     return -(sine * math.sin(order * position) + cosine * math.cos(order * position))
 
 
-def trials(ground: AxisSummary) -> list[Trial]:
+def _trials(ground: AxisSummary) -> list[Trial]:
     """A weight on the motor's shaft, and one behind the gearbox, that turned far enough; a belt axis has its weight on the carriage."""
     if ground.belt or ground.side == "load":
         return []
@@ -49,10 +49,10 @@ EFFECT = Effect(
         Parameter("sine", "N m", "motor", 0.0, -500.0, 500.0, "amplitude of the sine"),
         Parameter("cosine", "N m", "motor", 0.0, -500.0, 500.0, "amplitude of the cosine"),
     ),
-    law=force,
+    law=_force,
     slope=slope,
     body="motor",
-    trials=trials,
+    trials=_trials,
     seen="the torque that holds the axis goes up and down once per turn of the load, at any speed",
     causes="an arm, a pendulum, a drum or a table that is not balanced, on an axis that does not stand upright",
     check="let the axis go at standstill: it swings to where the weight hangs",

@@ -24,7 +24,7 @@ _ALIKE = {
 }
 
 
-def force(position: float, speed: float, t: float, damping: float) -> float:
+def _force(position: float, speed: float, t: float, damping: float) -> float:
     """Force on the body:  force = -damping speed.
 
     Parameters
@@ -39,30 +39,30 @@ def force(position: float, speed: float, t: float, damping: float) -> float:
     return -damping * speed
 
 
-def slope(position: float, speed: float, t: float, damping: float) -> tuple[float, float]:
+def _slope(position: float, speed: float, t: float, damping: float) -> tuple[float, float]:
     """(d force/d position, d force/d speed)."""
     return 0.0, -damping
 
 
-def trials(ground: AxisSummary) -> list[Trial]:
+def _trials(ground: AxisSummary) -> list[Trial]:
     """At the motor: a twentieth of the largest torque at the highest speed."""
     return [Trial({"damping": 0.05 * ground.peak_nm / max(ground.fastest, 1.0)})]
 
 
-def cart_trials(ground: AxisSummary) -> list[Trial]:
+def _cart_trials(ground: AxisSummary) -> list[Trial]:
     """At the carriage: the same, seen through the belt."""
     return [Trial({"damping": 0.05 * ground.peak_nm / max(ground.fastest, 1.0) / ground.ratio**2})]
 
 
-def load_trials(ground: AxisSummary) -> list[Trial]:
+def _load_trials(ground: AxisSummary) -> list[Trial]:
     """For a load that turns: what damps it with a time constant of half a second."""
     return [Trial({"damping": 2.0 * ground.inertia})]
 
 
-_TRIALS = {"motor": trials, "cart": cart_trials, "load": load_trials}
+_TRIALS = {"motor": _trials, "cart": _cart_trials, "load": _load_trials}
 
 
-def on(body: str) -> Effect:
+def _on(body: str) -> Effect:
     """The effect on one body: ``viscous`` (motor), ``viscous_cart``, ``viscous_end_pulley``, ``viscous_load``."""
     _, unit, side = body_units(body)
     parameter = Parameter("damping", unit, side, _START[body], 0.0, _HIGH[body], "friction in proportion to speed")
@@ -71,8 +71,8 @@ def on(body: str) -> Effect:
         slot="force",
         title=_TITLE[body],
         parameters=(parameter,),
-        law=force,
-        slope=slope,
+        law=_force,
+        slope=_slope,
         body=body,
         trials=_TRIALS.get(body),
         seen="the torque of a constant-speed stroke grows with speed",
@@ -85,4 +85,4 @@ def on(body: str) -> Effect:
     )
 
 
-EFFECTS = (on("motor"), on("cart"), on("end_pulley"), on("load"))
+EFFECTS = (_on("motor"), _on("cart"), _on("end_pulley"), _on("load"))

@@ -45,33 +45,33 @@ def highest_speed_m_s(increment_m: float, tick_s: float) -> float:
     return increment_m / tick_s
 
 
-def travel_in_period_m(speed_m_s: ArrayLike, period_s: float) -> Array:
+def _travel_in_period_m(speed_m_s: ArrayLike, period_s: float) -> Array:
     """(C.1): Δξ_Ts = ξ T_s, m."""
     return _array(speed_m_s) * period_s
 
 
-def increments_real(speed_m_s: ArrayLike, increment_m: float, period_s: float) -> Array:
+def _increments_real(speed_m_s: ArrayLike, increment_m: float, period_s: float) -> Array:
     """(C.2): n_inc − 1 = ξ T_s/Δξ_min before it is cut to a whole number: increments that the axis travels in a period."""
-    return travel_in_period_m(speed_m_s, period_s) / increment_m
+    return _travel_in_period_m(speed_m_s, period_s) / increment_m
 
 
-def intervals_printed(speed_m_s: ArrayLike, increment_m: float, period_s: float) -> Array:
+def _intervals_printed(speed_m_s: ArrayLike, increment_m: float, period_s: float) -> Array:
     """(C.3): n_inc − 1 = ⌊ξ T_s/Δξ_min⌋.
 
-    That is the most that a period can hold, reached when an increment lies near its beginning; see :func:`intervals_fewest`.
+    That is the most that a period can hold, reached when an increment lies near its beginning; see :func:`_intervals_fewest`.
     """
-    return _floor(increments_real(speed_m_s, increment_m, period_s))
+    return _floor(_increments_real(speed_m_s, increment_m, period_s))
 
 
-def intervals_fewest(speed_m_s: ArrayLike, increment_m: float, period_s: float) -> Array:
+def _intervals_fewest(speed_m_s: ArrayLike, increment_m: float, period_s: float) -> Array:
     """The fewest intervals between increments of one period: ⌊ξ T_s/Δξ_min⌋ − 1, below 1 where the event counter has no value in some.
 
     A period of r = ξ T_s/Δξ_min holds ⌊r⌋ or ⌊r⌋ + 1 increments, so ⌊r⌋ − 1 or ⌊r⌋ intervals; (C.3) takes the better of the two cases.
     """
-    return intervals_printed(speed_m_s, increment_m, period_s) - 1.0
+    return _intervals_printed(speed_m_s, increment_m, period_s) - 1.0
 
 
-def time_error_percent(measured_s: ArrayLike, tick_s: float, sign: int = 1) -> Array:
+def _time_error_percent(measured_s: ArrayLike, tick_s: float, sign: int = 1) -> Array:
     """100 (T/(T ± Δt_min) − 1) = ∓100 Δt_min/(T ± Δt_min): what a time T, measured wrong by a tick, does to a velocity.
 
     The middle of (C.5), and (C.8).
@@ -86,7 +86,7 @@ def time_error_percent(measured_s: ArrayLike, tick_s: float, sign: int = 1) -> A
     return -sign * 100.0 * tick_s / (_array(measured_s) + sign * tick_s)
 
 
-def event_counter_error_exact_percent(
+def _event_counter_error_exact_percent(
     speed_m_s: ArrayLike, increment_m: float, tick_s: float, period_s: float, *, sign: int = 1, fewest: bool = False
 ) -> Array:
     """(C.5): ∓100 Δt_min ξ/(m Δξ_min ± Δt_min ξ), percent, with m = ⌊ξ T_s/Δξ_min⌋.
@@ -94,11 +94,11 @@ def event_counter_error_exact_percent(
     Parameters
     ----------
     fewest : bool
-        Take m = ⌊ξ T_s/Δξ_min⌋ − 1 instead, the true worst case. nan where m < 1. sign as in :func:`time_error_percent`.
+        Take m = ⌊ξ T_s/Δξ_min⌋ − 1 instead, the true worst case. nan where m < 1. sign as in :func:`_time_error_percent`.
     """
-    count = intervals_fewest if fewest else intervals_printed
+    count = _intervals_fewest if fewest else _intervals_printed
     intervals = _at_least_one(count(speed_m_s, increment_m, period_s))
-    return time_error_percent(intervals * increment_m / _array(speed_m_s), tick_s, sign)
+    return _time_error_percent(intervals * increment_m / _array(speed_m_s), tick_s, sign)
 
 
 def event_counter_envelope_percent(speed_m_s: ArrayLike, increment_m: float, tick_s: float, period_s: float) -> Array:
@@ -117,7 +117,7 @@ def event_counter_envelope_percent(speed_m_s: ArrayLike, increment_m: float, tic
     period_s : float, s
         T_s.
     """
-    intervals = increments_real(speed_m_s, increment_m, period_s) - 1.0
+    intervals = _increments_real(speed_m_s, increment_m, period_s) - 1.0
     return 100.0 * _array(speed_m_s) / (_above_zero(intervals) * highest_speed_m_s(increment_m, tick_s))
 
 
@@ -135,7 +135,7 @@ def event_counter_worst_percent(speed_m_s: ArrayLike, increment_m: float, tick_s
     period_s : float, s
         T_s.
     """
-    return event_counter_error_exact_percent(speed_m_s, increment_m, tick_s, period_s, sign=-1, fewest=True)
+    return _event_counter_error_exact_percent(speed_m_s, increment_m, tick_s, period_s, sign=-1, fewest=True)
 
 
 def event_counter_limit_percent(tick_s: float, period_s: float) -> float:
@@ -151,7 +151,7 @@ def event_counter_limit_percent(tick_s: float, period_s: float) -> float:
     return 100.0 * tick_s / period_s
 
 
-def gate_time_s(speed_m_s: ArrayLike, increment_m: float) -> Array:
+def _gate_time_s(speed_m_s: ArrayLike, increment_m: float) -> Array:
     """(C.7): T_inc = Δξ_min/ξ, s."""
     return increment_m / _array(speed_m_s)
 
@@ -250,7 +250,7 @@ def event_counter_delay_s(speed_m_s: ArrayLike, increment_m: float, period_s: fl
     period_s : float, s
         T_s.
     """
-    gap = gate_time_s(speed_m_s, increment_m)
+    gap = _gate_time_s(speed_m_s, increment_m)
     return 0.5 * (period_s - gap), 0.5 * (period_s + gap)
 
 
@@ -266,7 +266,7 @@ def gate_delay_s(speed_m_s: ArrayLike, increment_m: float) -> tuple[Array, Array
     increment_m : float, m
         Δξ_min.
     """
-    gap = gate_time_s(speed_m_s, increment_m)
+    gap = _gate_time_s(speed_m_s, increment_m)
     return 0.5 * gap, 1.5 * gap
 
 

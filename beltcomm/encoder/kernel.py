@@ -292,7 +292,7 @@ def gate_step(c: Array, registers: IntArray, now_tick: int) -> float:
 
 
 @compiled
-def switching_weight(speed: float, crossing: float) -> float:
+def _switching_weight(speed: float, crossing: float) -> float:
     """(6.20): share of the event counter, 0 up to half the crossing of the methods, 1 from one and a half on.   Both m/s, speed ≥ 0."""
     if speed <= 0.5 * crossing:
         return 0.0
@@ -321,7 +321,7 @@ def combined_step(c: Array, state: Array, registers: IntArray, now_tick: int) ->
         events = gate
     state[_GATE] = c[4] * state[_GATE] + (1.0 - c[4]) * gate
     state[_EVENTS] = c[4] * state[_EVENTS] + (1.0 - c[4]) * events
-    weight = switching_weight(abs(state[_GATE]), 2.0 * c[0] / (c[2] - c[1]))
+    weight = _switching_weight(abs(state[_GATE]), 2.0 * c[0] / (c[2] - c[1]))
     return float((1.0 - weight) * state[_GATE] + weight * state[_EVENTS])
 
 

@@ -3,7 +3,7 @@
 from beltcomm.excitation.binary import MAXIMAL_TAPS, SHORT_ORDER, PrbsChoice, choose_prbs, gprbs, prbs, prbs_band, prbs_bits
 from beltcomm.excitation.choice import AS_CHOSEN, AskedExcitation, Choice, choose
 from beltcomm.excitation.record import Excitation, visible_band
-from beltcomm.excitation.sines import chirp, detection_lines, multisine
+from beltcomm.excitation.sines import chirp, multisine
 
 __all__ = [
     "AS_CHOSEN",
@@ -16,7 +16,6 @@ __all__ = [
     "chirp",
     "choose",
     "choose_prbs",
-    "detection_lines",
     "gprbs",
     "multisine",
     "prbs",

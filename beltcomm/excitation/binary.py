@@ -69,7 +69,6 @@ class PrbsChoice:
         amplitude_nm : float, N m, motor shaft
             About the mean.
         sample_period_s : float, s
-            Sampling period.
         torque_step_nm : float, N m
             Resolution of the drive's torque setpoint, 0 for none.
 

@@ -84,7 +84,6 @@ def choose(
     kind : ExcitationKind
         Of signal.
     sample_period_s : float, s
-        Sampling period.
     lowest_hz : float, Hz
         Lowest antiresonance expected.
     highest_hz : float, Hz
@@ -240,7 +239,7 @@ class AskedExcitation:
         return made
 
     def amplitude_of(self, found_nm: float, binds: str) -> None:
-        """Raise Refused where the limits allow less than is asked for.
+        """Check that the limits allow what is asked for.
 
         Parameters
         ----------
@@ -248,6 +247,11 @@ class AskedExcitation:
             That they allow.
         binds : str
             What allows no more.
+
+        Raises
+        ------
+        Refused
+            Where they allow less.
         """
         if self.amplitude_nm is None or found_nm >= (1.0 - 1e-3) * self.amplitude_nm:
             return

@@ -190,7 +190,6 @@ def finish(
     repeats : int
         Measured periods.
     sample_period_s : float, s
-        Sampling period.
     band_hz : tuple of float, Hz
         That is excited.
     parameters : mapping of str to float

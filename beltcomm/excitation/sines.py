@@ -45,7 +45,6 @@ def chirp(
     amplitude_nm : float
         Largest torque, N m, motor shaft.
     sample_period_s : float, s
-        Sampling period.
     repeats : int
         Measured periods.
     spacing : {'logarithmic', 'linear'}
@@ -183,26 +182,6 @@ def multisine(
         torque_step_nm=torque_step_nm,
         lines=tuple(int(k) for k in excited),
     )
-
-
-def detection_lines(excitation: Excitation) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Odd and even lines between the excited ones, which are not excited themselves; both empty where all are.
-
-    Parameters
-    ----------
-    excitation : Excitation
-        Of a multisine.
-
-    Returns
-    -------
-    tuple of ndarray of int
-        Odd and even lines, as indices.
-    """
-    lines = np.array(excitation.lines, dtype=np.intp)
-    if len(lines) == 0 or np.any(lines % 2 == 0):
-        return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
-    silent = np.setdiff1d(np.arange(lines[0], lines[-1] + 1), lines)
-    return silent[silent % 2 == 1], silent[silent % 2 == 0]
 
 
 def _sum(samples: int, lines: NDArray[np.intp], rng: np.random.Generator) -> Array:

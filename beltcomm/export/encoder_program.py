@@ -213,8 +213,6 @@ travelled = 0
 def encoder_of(settings: EstimatorSettings, provenance: Mapping[str, str], notes: Sequence[str]) -> Controller:
     """The exported form of the velocity estimators.
 
-    Raises UsageError for a setting out of its range.
-
     Parameters
     ----------
     settings : EstimatorSettings
@@ -228,6 +226,11 @@ def encoder_of(settings: EstimatorSettings, provenance: Mapping[str, str], notes
     -------
     Controller
         Coefficients by name.
+
+    Raises
+    ------
+    UsageError
+        For a setting out of its range, and for a time-out without an end.
     """
     s = checked(settings)
     if not math.isfinite(s.timeout_s):

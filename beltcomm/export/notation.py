@@ -90,7 +90,7 @@ def _aligned(line: str) -> str:
     return f"{for_comment(word)}: {' ' * (len(rest) - len(rest.lstrip()))}{for_comment(rest)}" if colon else for_comment(line)
 
 
-def number(value: float) -> str:
+def _number(value: float) -> str:
     """A number that comes back exactly, with the decimal point that both languages want."""
     mantissa, e, exponent = repr(float(value)).partition("e")
     return f"{mantissa if '.' in mantissa else f'{mantissa}.0'}{'E' if e else ''}{exponent}"
@@ -115,7 +115,7 @@ def c_words(prefix: str, coefficients: Iterable[NamedValue], states: Iterable[Na
     constant = f"{prefix.upper()}_C"
     return TargetLanguage(
         lambda name: kept.get(name, name),
-        lambda x: f"{constant}({number(x)})",
+        lambda x: f"{constant}({_number(x)})",
         "&&",
         f"{prefix}_min",
         f"{prefix}_max",
@@ -198,7 +198,7 @@ def c_design(prefix: str, coefficients: Sequence[NamedValue], values: Mapping[st
     """
 
     def line(q: NamedValue) -> str:
-        text = str(int(values[q.name])) if q.whole else f"{prefix.upper()}_C({number(values[q.name])})"
+        text = str(int(values[q.name])) if q.whole else f"{prefix.upper()}_C({_number(values[q.name])})"
         return f"    {text}, /* {q.name} */"
 
     return [f"const {prefix}_coefficients {prefix}_design = {{", *map(line, coefficients), "};", ""]
@@ -258,7 +258,7 @@ def c_statements(statements: Sequence[Statement], words: TargetLanguage) -> list
 
 # IEC 61131-3
 
-ST_WORDS = TargetLanguage(lambda name: name, number, "AND", "MIN", "MAX", "=", "<>", {"real": "LINT_TO_LREAL", "sin": "SIN"})
+ST_WORDS = TargetLanguage(lambda name: name, _number, "AND", "MIN", "MAX", "=", "<>", {"real": "LINT_TO_LREAL", "sin": "SIN"})
 
 
 def declared(title: str, quantities: Iterable[NamedValue], values: Mapping[str, float] | None = None) -> list[str]:
@@ -276,7 +276,7 @@ def declared(title: str, quantities: Iterable[NamedValue], values: Mapping[str, 
 
     def line(q: NamedValue) -> str:
         value = (values or {}).get(q.name, 0.0)
-        kind, text = ("LINT", str(int(value))) if q.whole else ("LREAL", number(value))
+        kind, text = ("LINT", str(int(value))) if q.whole else ("LREAL", _number(value))
         return f"    {q.name} : {kind} := {text}; (* {for_comment(str(q))} *)"
 
     return [title, *map(line, quantities), "END_VAR"]

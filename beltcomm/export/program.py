@@ -285,7 +285,6 @@ def controller_of(
     Parameters
     ----------
     cascade : Cascade
-        The controller.
     period_s : float, s
     torque_limit_nm : float, N m
         Motor shaft.

@@ -54,7 +54,6 @@ def read_apart(kind: Kind, path: Path, most: int = MEASURED_BYTES) -> Table:
     kind : Kind
         Of the file.
     path : Path
-        Of the file.
     most : int, bytes
         That are read.
 

@@ -19,7 +19,7 @@ from beltcomm.outside import check_columns, check_count, in_words, opened
 from beltcomm.posix import bound_this_process
 
 
-def table_in(kind: Kind, path: Path) -> Table:
+def _table_in(kind: Kind, path: Path) -> Table:
     """The table in a file, read in this process.   Raises DataError, or nothing that can be named."""
     return _READERS[kind](path)
 
@@ -116,7 +116,7 @@ def _answer(kind: Kind, path: Path, given: str, memory: int, limit_s: int) -> No
     _bounded(kind, memory, limit_s)
     table, fault = Table(given, {}), ""
     try:
-        table = table_in(kind, path)
+        table = _table_in(kind, path)
         check_columns(given, len(table.columns))
         check_count(given, sum(map(len, table.columns.values())), 1)
     except DataError as error:

@@ -35,7 +35,6 @@ def table_of(path: Path, arrays: Mapping[str, Any], extra_notes: tuple[str, ...]
     Parameters
     ----------
     path : Path
-        Of the file.
     arrays : mapping of str to Any
         Nested mappings of arrays.
     extra_notes : tuple of str

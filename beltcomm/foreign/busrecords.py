@@ -89,9 +89,7 @@ def records_of(
     Parameters
     ----------
     log : FrameLog
-        Frames with their times, s.
     axis : Axis
-        As its file states it.
     node : int or None
         None takes the one whose position is on the bus.
     torque_acts : Literal['after', 'before'] or None
@@ -186,7 +184,6 @@ def readable(log: FrameLog) -> int:
     Parameters
     ----------
     log : FrameLog
-        Frames with their times, s.
     """
     seen = objects_seen(log)
     found = (samples(log, seen, number, SIGNED).get(("sent", (_POSITION, 0))) for number in {item.node for item in seen})
@@ -344,10 +341,10 @@ def _columns(raw: Mapping[tuple[str, Place], Array], units: LogUnits, mode: int 
 
 def _what_was_done(columns: Mapping[str, Any], mode: int | None) -> tuple[str, bool, ExcitationNote | None]:
     if mode in _VELOCITY_MODES or mode in _POSITION_MODES:
-        sweep = is_sweep(columns.get("reference_velocity_rad_s"))
+        sweep = _is_sweep(columns.get("reference_velocity_rad_s"))
         return ("friction_sweep" if sweep else "trajectory" if mode in _POSITION_MODES else "free"), True, None
     setpoint = columns.get("torque_setpoint_nm")
-    note = excitation_of(setpoint) if setpoint is not None and mode in _TORQUE_MODES else None
+    note = _excitation_of(setpoint) if setpoint is not None and mode in _TORQUE_MODES else None
     return ("frf" if note is not None else "free"), False, note
 
 
@@ -359,7 +356,7 @@ _CANDIDATES = 12
 _SWITCHED = 4
 
 
-def excitation_of(setpoint: Array) -> ExcitationNote | None:
+def _excitation_of(setpoint: Array) -> ExcitationNote | None:
     """Kind, period and first sample of a setpoint that repeats exactly at least twice; None when it does not.
 
     Parameters
@@ -389,7 +386,7 @@ def excitation_of(setpoint: Array) -> ExcitationNote | None:
     return ExcitationNote("prbs" if switched else "multisine", float(np.abs(excited).max()), period, begins)
 
 
-def is_sweep(reference_velocity: Array | None) -> bool:
+def _is_sweep(reference_velocity: Array | None) -> bool:
     """True for a speed that was asked for and rests most of the time on two or more levels that are not zero: a friction sweep."""
     if reference_velocity is None or not reference_velocity.any():
         return False

@@ -93,7 +93,6 @@ def objects_seen(log: FrameLog) -> list[Seen]:
     Parameters
     ----------
     log : FrameLog
-        Frames with their times, s.
     """
     found: list[Seen] = []
     pending: dict[int, _Transfer] = {}
@@ -155,7 +154,6 @@ def pdos(seen: list[Seen], node: int) -> list[Pdo]:
     seen : list of Seen
         Transfers of the log.
     node : int
-        Its number.
     """
     state: dict[tuple[str, int], dict[str, int]] = {}
     entries: dict[tuple[str, int], dict[int, int]] = {}
@@ -207,11 +205,9 @@ def samples(log: FrameLog, seen: list[Seen], node: int, signed: frozenset[int]) 
     Parameters
     ----------
     log : FrameLog
-        Frames with their times, s.
     seen : list of Seen
         Transfers of the log.
     node : int
-        Its number.
     signed : frozenset[int]
         Indices of objects that may be negative.
     """

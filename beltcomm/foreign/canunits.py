@@ -52,9 +52,7 @@ def units_of(seen: list[Seen], node: int, axis: Axis, frame: int) -> LogUnits:
     seen : list of Seen
         Transfers of the log.
     node : int
-        Its number.
     axis : Axis
-        As its file states it.
     frame : int
         At which they hold, for a session may change them and put them back; what was seen only later counts as well.
     """
@@ -120,7 +118,6 @@ def profile_of(seen: list[Seen], node: int) -> Overheard:
     seen : list of Seen
         Transfers of the log.
     node : int
-        Its number.
     """
     values = {item.place: item.value for item in seen if item.node == node and item.place[0] in (0x1008, 0x1018)}
     name = values.get((0x1008, 0), b"").rstrip(b"\0").decode("ascii", "replace")

@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.arrays import Column
+from beltcomm.arrays import Column, rms
 from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.mapping import Source, kept_columns, sources_for
 from beltcomm.foreign.rasters import on_one_raster, resampled
@@ -419,7 +419,7 @@ def line_of_table(name: str, column: Column, source: Source | None) -> dict[str,
     if source:
         line |= {"scale": source.scale, "offset": source.offset}
     if column.dtype.kind == "f" and len(column):
-        line |= {"min": float(column.min()), "max": float(column.max()), "rms": float(np.sqrt(np.mean(column**2)))}
+        line |= {"min": float(column.min()), "max": float(column.max()), "rms": rms(column)}
     return line
 
 

@@ -17,7 +17,8 @@ from beltcomm.encoder.edges import LEVEL_A, LEVEL_B, Edges, count_increments
 from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.files import read_table
 from beltcomm.foreign.kinds import kind_of_table
-from beltcomm.foreign.names import meaning_of, plain_unit
+from beltcomm.foreign.names import meaning_of
+from beltcomm.foreign.spellings import plain_unit
 from beltcomm.foreign.table import Table
 from beltcomm.outside import MEASURED_BYTES, opened, read_text
 from beltcomm.quantities import UNITS
@@ -47,9 +48,19 @@ class EdgeTimes:
     notes: tuple[str, ...]
 
     def counts_at(self, t_s: Array) -> Array:
-        """Position in counts from the first row on; nan before and after all edges.
+        """Position in counts from the first row on.
 
         At an edge it is the line that was passed, in between on a smooth curve through the edges that passes no line without one.
+
+        Parameters
+        ----------
+        t_s : ndarray, (n,)
+            On the clock of the edges.
+
+        Returns
+        -------
+        ndarray
+            (n,); nan before and after all edges.
         """
         found = count_increments(self.edges, debounce=False)
         after = np.cumsum(found.step)
@@ -63,8 +74,6 @@ class EdgeTimes:
 def read_edges(path: Path) -> EdgeTimes:
     """Edges of an encoder in a file.
 
-    Raises UsageError for a file that is none, DataError for columns that are no edges or times that fall.
-
     Parameters
     ----------
     path : Path
@@ -74,6 +83,13 @@ def read_edges(path: Path) -> EdgeTimes:
     -------
     EdgeTimes
         With what was found out, in words.
+
+    Raises
+    ------
+    UsageError
+        For a file that is none.
+    DataError
+        For columns that are no edges, fewer than three, or times that fall.
     """
     table = _one_column(path) or read_table(path)
     table = Table(table.file, _numbers(table), table.units, table.notes)

@@ -108,7 +108,6 @@ def load_object_file(path: Path) -> ObjectFile:
     Parameters
     ----------
     path : Path
-        Of the file.
 
     Raises
     ------
@@ -119,10 +118,10 @@ def load_object_file(path: Path) -> ObjectFile:
         content = read_bytes(path, LARGEST_FILE)
     except OSError as error:
         raise DataError(f"{path} cannot be read: {error.strerror or error}") from error
-    return parse(content, path)
+    return _parse(content, path)
 
 
-def parse(content: bytes, path: Path) -> ObjectFile:
+def _parse(content: bytes, path: Path) -> ObjectFile:
     """Read an EDS or DCF from its bytes."""
     repairs = _Repairs()
     sections = _sections(_text(content, repairs), repairs)

@@ -60,7 +60,6 @@ def parts_of(path: Path, reading: Reading, axis: Axis) -> list[Part]:
     Parameters
     ----------
     path : Path
-        Of the file.
     reading : Reading
         Mappings, and what is kept and cut.
     axis : Axis
@@ -142,7 +141,6 @@ def read_table(
     Parameters
     ----------
     path : Path
-        Of the file.
     separator, decimal
         Of a text file; recognised when None.
     skip_lines : int

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
 import io
 import re
 import zlib
@@ -17,7 +16,7 @@ import numpy as np
 
 from beltcomm.foreign.table import words_of
 from beltcomm.foreign.textformat import wide_encoding
-from beltcomm.outside import MEASURED_BYTES, MOST_VALUES, in_words, opened
+from beltcomm.outside import MEASURED_BYTES, MOST_VALUES, in_words, opened, unpacked
 
 LogKind = Literal["blf", "trc", "asc", "candump", "csv", "sqlite"]
 
@@ -81,7 +80,13 @@ class Others:
     notes: list[str] = field(default_factory=list)
 
     def line(self, number: int) -> None:
-        """One of them."""
+        """Count one of them.
+
+        Parameters
+        ----------
+        number : int
+            In the file, from 1.
+        """
         self.count, self.first = self.count + 1, self.first or number
 
 
@@ -92,17 +97,13 @@ def opened_text(path: Path) -> Iterator[io.TextIOWrapper]:
     Parameters
     ----------
     path : Path
-        Of the file.
 
     Raises
     ------
     OSError, EOFError, zlib.error, DataError
         When it cannot be read.
     """
-    with opened(path) as file:
-        packed = file.read(2) == b"\x1f\x8b"
-        file.seek(0)
-        source: Any = gzip.GzipFile(fileobj=file) if packed else file
+    with unpacked(path) as source:
         encoding = wide_encoding(source.read(_LONGEST_LINE)) or "utf-8-sig"
         source.seek(0)
         with io.TextIOWrapper(source, encoding=encoding, errors="replace") as text:
@@ -137,7 +138,7 @@ def kind_of_log(path: Path) -> LogKind | None:
     if begin.startswith(_SQLITE):
         return "sqlite" if _holds_messages(path) else None
     try:
-        lines = first_lines(path)
+        lines = _first_lines(path)
     except (OSError, EOFError, ValueError, zlib.error):
         lines = []
     kind = _kind_of_lines(lines)
@@ -150,11 +151,11 @@ def kind_of_log(path: Path) -> LogKind | None:
     return kind
 
 
-def first_lines(path: Path) -> list[str]:
+def _first_lines(path: Path) -> list[str]:
     """The first lines with content of a text file.   Raises OSError, EOFError, ValueError, zlib.error."""
     with opened_text(path) as file:
         lines = (
-            plain_line(line).strip() for _, line in zip(range(_LOOKED_AT), iter(lambda: file.readline(_LONGEST_LINE), ""), strict=False)
+            _plain_line(line).strip() for _, line in zip(range(_LOOKED_AT), iter(lambda: file.readline(_LONGEST_LINE), ""), strict=False)
         )
         return [line for line in lines if line]
 
@@ -243,7 +244,7 @@ def _identifier(text: str) -> int:
     return int(text, 16) | (1 << 31 if len(text) == 8 else 0)
 
 
-def plain_line(line: str) -> str:
+def _plain_line(line: str) -> str:
     """A line without the colours that a terminal was to show it in."""
     return _COLOURS.sub("", line) if "\x1b" in line else line
 
@@ -254,7 +255,6 @@ def lines_of(path: Path, others: Others) -> Iterator[tuple[int, str]]:
     Parameters
     ----------
     path : Path
-        Of the file.
     others : Others
         Counts lines that hold no frame.
     """
@@ -265,7 +265,7 @@ def lines_of(path: Path, others: Others) -> Iterator[tuple[int, str]]:
                 total += len(line)
                 if total > MEASURED_BYTES or number > MOST_VALUES:
                     raise ValueError(f"more than {in_words(MEASURED_BYTES)} of text, or {MOST_VALUES} lines")
-                yield number, plain_line(line)
+                yield number, _plain_line(line)
     except (OSError, EOFError, ValueError, zlib.error) as error:
         others.notes.append(f"the file breaks off ({words_of(error)}): what came before is taken")
 
@@ -276,7 +276,6 @@ def candump_frames(path: Path, others: Others) -> Iterator[LoggedFrame]:
     Parameters
     ----------
     path : Path
-        Of the file.
     others : Others
         Counts lines that hold no frame.
     """
@@ -295,7 +294,6 @@ def asc_frames(path: Path, others: Others) -> Iterator[LoggedFrame]:
     Parameters
     ----------
     path : Path
-        Of the file.
     others : Others
         Counts lines that hold no frame.
     """

@@ -96,7 +96,12 @@ class FrameLog:
         return replace(self, **kept, notes=(*self.notes, said), in_file=self.in_file or len(again))
 
     def of_node(self, node: int) -> int:
-        """Frames with one of the node's own identifiers (CiA 301, predefined connection set)."""
+        """Number of frames with one of the node's own identifiers (CiA 301, predefined connection set).
+
+        Parameters
+        ----------
+        node : int, 1 to 127
+        """
         return int(np.sum((self.identifier > _FIRST_OWN) & (self.identifier < _END_OWN) & (self.identifier % 0x80 == node)))
 
     def summary(self) -> str:
@@ -118,7 +123,6 @@ def read_frames(path: Path, channel: str | None = None) -> FrameLog:
     Parameters
     ----------
     path : Path
-        Of the file.
     channel : str or None
         The interface, such as can0; None takes the one with the most frames and says so.
 
@@ -268,11 +272,10 @@ def frames_apart(kind: Kind, path: Path) -> Table:
     kind : Kind
         Of the log.
     path : Path
-        Of the file.
     """
     others = Others()
     readers = {"blf": "BLFReader", "trc": "TRCReader"}
-    frames = _Frames.of(path, _by_python_can(path, readers[kind], others) if kind in readers else sqlite_frames(path, others))
+    frames = _Frames.of(path, _by_python_can(path, readers[kind], others) if kind in readers else _sqlite_frames(path, others))
     return frames.table(path, others)
 
 
@@ -317,7 +320,7 @@ def _turns(before: int, after: int, span: int) -> bool:
     return span - near <= before < span and 0 <= after < near
 
 
-def csv_frames(path: Path, others: Others) -> Iterator[LoggedFrame]:
+def _csv_frames(path: Path, others: Others) -> Iterator[LoggedFrame]:
     """Frames of a CSV file, whose header says what stands where."""
     places: dict[str, Any] | None = None
     for number, line in lines_of(path, others):
@@ -373,7 +376,7 @@ def _time_ns(text: str, places: dict[str, Any]) -> int:
     return -whole if seconds.startswith("-") else whole
 
 
-def sqlite_frames(path: Path, others: Others) -> Iterator[LoggedFrame]:
+def _sqlite_frames(path: Path, others: Others) -> Iterator[LoggedFrame]:
     """Frames of a database by python-can, its table ``messages``."""
     others.what = "error, CAN FD and other entries that are no classic CAN frames"
     opened(path).close()
@@ -395,5 +398,5 @@ def sqlite_frames(path: Path, others: Others) -> Iterator[LoggedFrame]:
 _READERS: Final[dict[str, Callable[[Path, Others], Iterator[LoggedFrame]]]] = {
     "candump": candump_frames,
     "asc": asc_frames,
-    "csv": csv_frames,
+    "csv": _csv_frames,
 }

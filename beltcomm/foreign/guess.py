@@ -15,8 +15,9 @@ import numpy as np
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.foreign.mapping import Source, parse_source, sources_for
-from beltcomm.foreign.names import Confidence, Meaning, by_unit, meaning_of, plain_unit, quoted, spelled, without_unit
+from beltcomm.foreign.names import Confidence, Meaning, by_unit, meaning_of, quoted, spelled, without_unit
 from beltcomm.foreign.relations import relations
+from beltcomm.foreign.spellings import plain_unit
 from beltcomm.foreign.table import Table
 from beltcomm.quantities import UNITS
 from beltcomm.recording.columns import CHANNELS, KNOWN_COLUMNS, Side
@@ -91,7 +92,6 @@ def completed(
     written : sequence of str
         What the user mapped; nothing is guessed when that and columns with our own names make a recording.
     axis : Axis
-        As its file states it.
     timed : bool
         A time column is needed.
     ask : Ask or None
@@ -110,9 +110,9 @@ def completed(
     if not twins and _makes_a_recording(sources, timed):
         return tuple(written), ()
     asked = {guess.column for guess in twins}
-    guesses = [*twins, *(g for g in guesses_for(table, sources, axis, timed=timed) if g.column not in asked)]
+    guesses = [*twins, *(g for g in _guesses_for(table, sources, axis, timed=timed) if g.column not in asked)]
     if ask is None and any(guess.needed and guess.confidence != "sure" for guess in guesses):
-        raise NeedsAnswers(_open_words(table, guesses), template(table, written, guesses))
+        raise NeedsAnswers(_open_words(table, guesses), _template(table, written, guesses))
     if ask is None or all(guess.confidence == "sure" for guess in guesses):
         sure = [guess for guess in guesses if guess.confidence == "sure"]
         return (*written, *(guess.choices[0] for guess in sure)), tuple(f"guessed {guess.choices[0]}: {guess.why}" for guess in sure)
@@ -156,7 +156,7 @@ def _twins_of_ours(table: Table, sources: Mapping[str, Source]) -> list[Guess]:
     return found
 
 
-def guesses_for(table: Table, sources: Mapping[str, Source], axis: Axis, *, timed: bool) -> list[Guess]:
+def _guesses_for(table: Table, sources: Mapping[str, Source], axis: Axis, *, timed: bool) -> list[Guess]:
     """A guess for each column that is not mapped yet: those that are needed first, then what is sure beside them."""
     used = {source.theirs for source in sources.values()}
     clocks = set(table.clocks.values())
@@ -388,7 +388,7 @@ def _open_words(table: Table, guesses: Sequence[Guess]) -> str:
     return f"{table.file}: not sure which column is which, and nobody can be asked. {'; '.join(words)}. Its columns are {names}"
 
 
-def template(table: Table, written: Sequence[str], guesses: Sequence[Guess]) -> str:
+def _template(table: Table, written: Sequence[str], guesses: Sequence[Guess]) -> str:
     """A file of mappings for ``--map FILE``: sure ones stand, each other one has its choices as comments to be opened."""
     lines = [
         f"# How the columns of {table.file} become a recording: ours = theirs * scale + offset.",
@@ -411,7 +411,7 @@ def template(table: Table, written: Sequence[str], guesses: Sequence[Guess]) -> 
 
 
 def mappings_in(text: str) -> list[str]:
-    """The mappings in a file that :func:`template` made and a person edited.
+    """The mappings in a file that :func:`_template` made and a person edited.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from beltcomm.foreign.names import COUNTS, PER_CENT, PER_MILLE, plain_unit
+from beltcomm.foreign.spellings import COUNTS, PER_CENT, PER_MILLE, plain_unit
 from beltcomm.quantities import UNITS
 
 #: Keys of a block in small letters without blanks, units and punctuation.
@@ -262,7 +262,7 @@ def _header(above: Sequence[TextLine], shape: RowShape, commented: tuple[str, ..
             break
     if not candidates:
         return [], [], 0
-    under = [is_unit(cell) or (shape.blank[k] and shape.number(cell) is not None) for k, cell in enumerate(candidates[0])]
+    under = [_is_unit(cell) or (shape.blank[k] and shape.number(cell) is not None) for k, cell in enumerate(candidates[0])]
     if len(candidates) == 2 and all(under):
         return candidates[1], [cell.strip("[]() ") for cell in candidates[0]], numbers[1]
     return candidates[0], [], numbers[0]
@@ -280,7 +280,7 @@ def _as_wide(fields: list[str], text: str, shape: RowShape, comment: bool) -> li
     return fields
 
 
-def is_unit(cell: str) -> bool:
+def _is_unit(cell: str) -> bool:
     """True for a cell that holds a unit, or nothing."""
     plain = plain_unit(cell.strip('" '))
     return not plain or plain in _UNIT_WORDS or (cell.startswith(("[", "(")) and cell.endswith(("]", ")")))

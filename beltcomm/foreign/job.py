@@ -114,7 +114,7 @@ def import_recordings(
     data = {"run": str(run), "dry_run": dry_run, "axis": about, "recordings": described}
     text = [line for item, recording in zip(described, found, strict=True) for line in _lines(item, recording)]
     text += ["", *left_out, *(f"{item.recording.name} is in {run} already, the same rows of the same file." for item in there)]
-    text += [line for item in found for line in offered(item.scalars, known)][:1]
+    text += [line for item in found for line in _offered(item.scalars, known)][:1]
     text += _closing(run, folder, known, axis, dry_run)
     if sidecar.experiment != "static_map" and any("record" not in item.recording.sidecar.extra["import"]["reading"] for item in found):
         text.append(alignment(reading, found[0].converted.columns))
@@ -238,7 +238,7 @@ def _described(item: store.Imported) -> dict[str, Any]:
     if not recording.is_static_map:
         steps, lost = np.diff(recording.t_s), recording.gaps
         period = recording.sample_period_s
-        found |= {"period_s": period, "rate_hz": 1.0 / period, "duration_s": float(recording.t_s[-1] - recording.t_s[0])}
+        found |= {"period_s": period, "rate_hz": 1.0 / period, "duration_s": recording.duration_s}
         found["gaps"] = [
             {"t_s": float(recording.t_s[i]), "length_s": float(steps[i]), "lost_samples": max(1, round(float(steps[i]) / period) - 1)}
             for i in lost
@@ -294,7 +294,7 @@ def _closing(run: Path, folder: RunFolder | None, axis: Axis, given: Axis | str 
     return lines
 
 
-def offered(scalars: Mapping[str, float], axis: Axis) -> list[str]:
+def _offered(scalars: Mapping[str, float], axis: Axis) -> list[str]:
     """A line for the numbers that look like entries of axis.yaml which are not known; [] when there are none."""
     found = []
     for entry, pattern in _ENTRIES:

@@ -23,7 +23,6 @@ def read_json(path: Path) -> Table:
     Parameters
     ----------
     path : Path
-        Of the file.
 
     Raises
     ------

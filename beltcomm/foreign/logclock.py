@@ -37,7 +37,6 @@ def in_order(log: FrameLog, readable: Callable[[FrameLog], int]) -> FrameLog:
     Parameters
     ----------
     log : FrameLog
-        Frames with their times, s.
     readable : callable
         Counts the frames of a log that are understood in their order: the set-up must come before what it explains. It decides between
         a clock that was set back, whose frames stand in the right order, and files joined in the wrong one.

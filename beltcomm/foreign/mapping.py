@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from beltcomm.configfiles import did_you_mean, without_halves
 from beltcomm.errors import UsageError
 from beltcomm.foreign.table import Table
-from beltcomm.quantities import UNITS, in_other_unit, parse_quantity, suffix_of, unit_of
+from beltcomm.quantities import UNITS, in_other_unit, parse_quantity, plain_spelling, suffix_of, unit_of
 
 #: What units are made of; an angle is a number.
 _DIMENSIONS: Mapping[str, Mapping[str, int]] = {
@@ -219,7 +219,7 @@ def _check_stated_unit(text: str, source: Source, table: Table) -> None:
         stated = ending
     if not stated:
         return
-    plain = re.sub(r"[\s·*]", "", stated).replace("²", "2").replace("µ", "u").replace("μ", "u").lower()
+    plain = plain_spelling(stated).lower()
     head, bare = f"--map {text}: {source.theirs!r} is in {stated} by the file itself", Table.bare(source.theirs)
     if plain in UNITS[suffix].others:
         if UNITS[suffix].others[plain] != 1.0:
@@ -250,7 +250,7 @@ def _not_understood(expression: str, column: str, table: Table) -> str:
         return table.no_such_column(re.split(r"[*/+]", plain)[0].strip())
     name = max(known, key=len)
     suffix = suffix_of(column)
-    units = f" or a unit ({', '.join(UNITS[suffix].others)})" if suffix else ""
+    units = f" or a unit ({', '.join(unit.replace(' ', '') for unit in UNITS[suffix].spellings)})" if suffix else ""
     if suffix == "rad" and re.search(r"\*\s*(u|m|c)?m\b", plain):
         units += f", or a way with the way per turn, {column}={name}*mm*rev/60mm for 60 mm"
     decimal = "; write the decimal point as '.'" if re.search(r"\d,\d", expression) else ""

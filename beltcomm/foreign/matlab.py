@@ -40,7 +40,6 @@ def read_matlab(path: Path) -> dict[str, Any]:
     Parameters
     ----------
     path : Path
-        Of the file.
 
     Raises
     ------
@@ -54,7 +53,7 @@ def read_matlab(path: Path) -> dict[str, Any]:
             if _is_hdf5(file.read(4096)):
                 return _with_objects(path, read_hdf5(path))
             file.seek(0)
-            check_sizes(file.read())
+            _check_sizes(file.read())
             file.seek(0)
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of objects, which come next
@@ -74,7 +73,7 @@ def _with_objects(path: Path, found: dict[str, Any]) -> dict[str, Any]:
     found.pop("None", None)
     there = found.pop(_OBJECTS, True)
     if there and importlib.util.find_spec("matio") is not None:
-        return {**found, **read_objects(path)}
+        return {**found, **_read_objects(path)}
     return {**found, OBJECTS_LEFT: "objects"}
 
 
@@ -88,7 +87,6 @@ def read_hdf5(path: Path) -> dict[str, Any]:
     Parameters
     ----------
     path : Path
-        Of the file.
 
     Raises
     ------
@@ -206,7 +204,7 @@ def _attribute(item: Any, *names: str) -> str:
     return ""
 
 
-def read_objects(path: Path) -> dict[str, Any]:
+def _read_objects(path: Path) -> dict[str, Any]:
     """All variables by name, objects as mappings of what they hold.   Raises whatever the reader raises."""
     from matio import load_from_mat
 
@@ -280,7 +278,7 @@ class SizesDoNotFit(Exception):
     """A number of elements that the bytes of the file cannot hold."""
 
 
-def check_sizes(content: bytes) -> None:
+def _check_sizes(content: bytes) -> None:
     """Walk through all elements of a version 5 file; others are left to the reader.   Raises SizesDoNotFit, struct.error, zlib.error."""
     if len(content) < _HEADER or content[126:128] not in (b"IM", b"MI") or 0 in content[:4]:
         return

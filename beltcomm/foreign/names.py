@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from beltcomm.axis import Axis
+from beltcomm.foreign.spellings import COUNTS, PER_CENT, PER_MILLE, plain_unit
 from beltcomm.foreign.table import Table
 from beltcomm.quantities import UNITS
 
@@ -56,35 +57,9 @@ _PARTS: tuple[tuple[Quantity, str], ...] = (
     ("time", "timestamp|zeitstempel|zeit"),
 )
 
-#: Spellings of units beside those of :mod:`beltcomm.quantities`: what they are there.
-_SPELLINGS = {
-    "s": "sec second seconds sek",
-    "ms": "msec millis",
-    "us": "usec micros",
-    "deg": "grad degree degrees °",
-    "deg/s": "deg/sec grad/s °/s",
-    "rad": "radian radians radiant",
-    "rad/s": "rad/sec",
-    "rev": "turn turns u umdr revs revolutions",
-    "rpm": "u/min upm umin min-1 min^-1 1/min rev/min r/min tr/min",
-    "mm/s": "mm/sec",
-    "m": "meter",
-    "mm": "millimeter",
-    "n": "newton",
-    "nm": "n*m n-m n.m newtonmeter newtonmeters newton-meter newton-meters",
-    "lbin": "lbfin lb-in lbf-in lb.in lb*in lbf*in in-lb in-lbf inlb inlbs in-lbs",
-    "lbft": "lbfft lb-ft lbf-ft lb.ft lb*ft lbf*ft ft-lb ft-lbf ftlb ftlbs ft-lbs",
-    "ozin": "ozfin oz-in ozf-in oz.in oz*in in-oz inoz",
-    "a": "ampere amperes amp amps arms a_rms aeff a(rms)",
-    "°c": "degc celsius",
-}
-_SPELLED = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings.split()}
-COUNTS = ("counts", "count", "cnt", "cts", "inc", "incr", "increments", "inkr", "inkremente", "ticks", "lsb", "pulses", "qc")
 _COUNTS_OF_BITS = r"counts?(\d{1,2})bit"
 #: Positions that are angles: a letter m behind them is the motor's, no metre.
 _ANGLES = r"angle|ang|winkel|theta|phi|rotor"
-PER_CENT = ("%", "percent", "prozent", "%rated")
-PER_MILLE = ("‰", "permille", "promille", "0.1%", "permilleofratedtorque", "permilleofratedcurrent")
 #: Units by the quantity and the suffix of our column.
 _SUFFIXES: tuple[tuple[str, Quantity], ...] = (
     ("s", "time"), ("nm", "torque"), ("a", "current"), ("n", "force"), ("rad", "position"), ("m", "position"), ("rad_s", "velocity"),
@@ -173,21 +148,7 @@ def meaning_of(table: Table, name: str) -> Meaning | None:
     return Meaning(name, quantity, role, by_name is not None, suffix, stated if suffix else "", special, load)
 
 
-def plain_unit(text: str) -> str:
-    """A unit as :data:`beltcomm.quantities.UNITS` spells it, or as it stands, in small letters without blanks.
-
-    Parameters
-    ----------
-    text : str
-        As the file has it.
-    """
-    plain = re.sub(r"[\s·]", "", text).replace("²", "2").replace("µ", "u").replace("μ", "u").replace("⁻¹", "-1").lower()
-    plain = plain.strip("[]()")
-    plain = _SPELLED.get(plain, plain)
-    return plain.replace("*", "") if plain.replace("*", "") in {"nm", "mnm", "ncm"} else plain
-
-
-def counts_per_turn(unit: str) -> int | None:
+def _counts_per_turn(unit: str) -> int | None:
     """Of a unit of counts that states it, as Kollmorgen's ``Counts16Bit``; None for any other."""
     match = re.fullmatch(_COUNTS_OF_BITS, plain_unit(unit))
     return 2 ** int(match[1]) if match else None
@@ -263,7 +224,6 @@ def by_unit(table: Table, column: str, meaning: Meaning, axis: Axis, ratio: floa
     meaning : Meaning
         Of theirs.
     axis : Axis
-        Data sheets.
     ratio : float or None, m/rad
         Of the transmission; None where it is not known.
 
@@ -286,13 +246,19 @@ def by_unit(table: Table, column: str, meaning: Meaning, axis: Axis, ratio: floa
     if suffix == "m" and own == "rad":
         why = f"it is in {meaning.unit}, the torque at the motor; a feed constant of 60 mm per revolution is only an example"
         return (f"{column}={quoted(name)}*{meaning.unit}*rev/60mm",), "unsure", why
-    if own == "rad" and (stated := counts_per_turn(table.unit(name))):
+    if own == "rad" and (stated := _counts_per_turn(table.unit(name))):
         return (f"{column}={quoted(name)}*rev/{stated}",), "sure", f"its unit by the file, {stated} to a turn"
     if meaning.special == "counts" and own == "rad":
         counts = axis.motor.encoder_counts_per_rev or 65536
         known = axis.motor.encoder_counts_per_rev is not None
         why = f"it is in counts, {counts} per revolution {'by the axis file' if known else 'is only an example'}"
         return (f"{column}={quoted(name)}*rev/{counts}",), "likely", why
+    if own == "nm" and plain_unit(table.unit(name)) in UNITS["v"].others:
+        return (
+            (f"{column}={quoted(name)}*1",),
+            "likely",
+            "it is in volts; 1 N m per volt is only an example, the drive's analogue output has it",
+        )
     if meaning.special.startswith("per") and own == "nm":
         rated, share = axis.motor.rated_torque_nm, 100 if meaning.special == "per cent" else 1000
         of = "torque" if meaning.quantity == "torque" else "current, taken as the same share of the rated torque"
@@ -313,7 +279,6 @@ def without_unit(table: Table, column: str, meaning: Meaning, axis: Axis, own: s
     meaning : Meaning
         Of theirs.
     axis : Axis
-        Data sheets.
     own : str
         Unit of our column, as its suffix has it.
 
@@ -328,7 +293,7 @@ def without_unit(table: Table, column: str, meaning: Meaning, axis: Axis, own: s
     name = quoted(meaning.name)
     if own == "nm":
         rated = axis.motor.rated_torque_nm or 1.0
-        choices = [f"{column}={name}*1", f"{column}={name}*{rated:g}/100", f"{column}={name}*{rated:g}/1000", f"{column}={name}*mnm"]
+        choices = [f"{column}={name}*1", f"{column}={name}*{rated:g}/100", f"{column}={name}*{rated:g}/1000", f"{column}={name}*mNm"]
         peak = axis.motor.peak_torque_nm
         fits = [c for c, f in zip(choices, (1.0, rated / 100, rated / 1000, 1e-3), strict=True) if peak and _possible(largest * f, peak)]
         ordered = (*fits, *(c for c in choices if c not in fits))
@@ -346,7 +311,7 @@ def without_unit(table: Table, column: str, meaning: Meaning, axis: Axis, own: s
 
 def _unknown(table: Table, name: str) -> str:
     unit = table.unit(name)
-    return f"its unit {unit!r} is none of its quantity" if unit else "its unit is not stated"
+    return f"its unit {unit!r} is not known for it, write the factor" if unit else "its unit is not stated"
 
 
 def _possible(largest: float, peak: float) -> bool:

@@ -27,7 +27,6 @@ def read_mdf(path: Path) -> Table:
     Parameters
     ----------
     path : Path
-        Of the file.
 
     Raises
     ------
@@ -89,7 +88,6 @@ def read_tdms(path: Path) -> Table:
     Parameters
     ----------
     path : Path
-        Of the file.
 
     Raises
     ------
@@ -154,7 +152,6 @@ def read_mcap(path: Path) -> Table:
     Parameters
     ----------
     path : Path
-        Of the file.
 
     Raises
     ------

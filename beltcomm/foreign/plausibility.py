@@ -74,7 +74,6 @@ def findings(recording: Recording, axis: Axis) -> tuple[Doubt, ...]:
     Parameters
     ----------
     recording : Recording
-        The record.
     axis : Axis
         What is not known of it is not asked.
     """

@@ -36,7 +36,13 @@ class Relations:
     words: tuple[tuple[str, str], ...] = ()
 
     def why(self, name: str) -> str:
-        """Relations of a column to others, in words; "" for none."""
+        """Relations of a column to others, in words; "" for none.
+
+        Parameters
+        ----------
+        name : str
+            Of the column.
+        """
         return next((words for column, words in self.words if column == name), "")
 
 

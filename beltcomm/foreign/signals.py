@@ -59,6 +59,11 @@ class Signal:
         Parameters
         ----------
         words : ndarray (n, 8)
+
+        Returns
+        -------
+        ndarray
+            (n,), in the unit of the signal.
         """
         if self.big:
             whole = np.ascontiguousarray(words).view(">u8").ravel().astype(np.uint64)
@@ -76,8 +81,6 @@ class Signal:
 def by_hand(text: str) -> Signal:
     """``NAME=COB-ID:BYTE:TYPE``: identifier in hexadecimal; first byte, from 0; i8 to i64, u8 to u64, f32 or f64, "be": big endian.
 
-    Raises UsageError.
-
     Parameters
     ----------
     text : str
@@ -87,6 +90,11 @@ def by_hand(text: str) -> Signal:
     -------
     Signal
         The identifier is an extended one with more than three digits.
+
+    Raises
+    ------
+    UsageError
+        For another form, and for bytes beyond a frame of 8.
     """
     match = _BY_HAND.fullmatch(text.strip())
     if match is None or match["type"] not in _TYPES:
@@ -106,7 +114,6 @@ def of_dbc(path: Path) -> list[Signal]:
     Parameters
     ----------
     path : Path
-        Of the file.
 
     Raises
     ------
@@ -129,7 +136,6 @@ def dbc_apart(path: Path) -> Table:
     Parameters
     ----------
     path : Path
-        Of the file.
 
     Raises
     ------
@@ -169,7 +175,6 @@ def table_of_signals(log: FrameLog, signals: Sequence[Signal]) -> Table:
     Parameters
     ----------
     log : FrameLog
-        Frames with their times, s.
     signals : sequence of Signal
         Place in a frame, type and unit of each.
 

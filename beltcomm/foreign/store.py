@@ -78,7 +78,6 @@ def imported(path: Path, name: str, reading: Reading, sidecar: Sidecar, axis: Ax
     Parameters
     ----------
     path : Path
-        Of the file.
     name : str
         Of the recording.
     reading : Reading
@@ -86,7 +85,6 @@ def imported(path: Path, name: str, reading: Reading, sidecar: Sidecar, axis: Ax
     sidecar : Sidecar
         Of the recording.
     axis : Axis
-        Data sheets.
     part : Part
         Of the file.
 
@@ -151,7 +149,6 @@ def open_or_plan(run: Path, axis: Axis | None) -> tuple[RunFolder | None, Axis]:
     Parameters
     ----------
     run : Path
-        Of the run folder.
     axis : Axis or None
         What the user gave; None takes that of an existing run, and for a new one nothing but a name is known then.
 
@@ -183,7 +180,6 @@ def check_together(folder: RunFolder | None, found: Sequence[Imported], axis: Ax
     found : sequence of Imported
         Imports of one command.
     axis : Axis
-        Data sheets.
 
     Raises
     ------
@@ -217,7 +213,6 @@ def stands(folder: RunFolder, item: Imported) -> bool:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     item : Imported
         That would be written.
     """
@@ -238,11 +233,9 @@ def write(run: Path, folder: RunFolder | None, axis: Axis, found: Sequence[Impor
     Parameters
     ----------
     run : Path
-        Of the run folder.
     folder : RunFolder or None
         None makes it.
     axis : Axis
-        As its file states it.
     found : sequence of Imported
         Checked imports.
 
@@ -267,7 +260,7 @@ def write(run: Path, folder: RunFolder | None, axis: Axis, found: Sequence[Impor
 def _keep_original(folder: RunFolder, source: Path, sha256: str) -> Path:
     """Copy the foreign file, unless the run has it already; another file of that name is not touched."""
     target = folder.path / ORIGINALS
-    stem, ending = (without_halves(part) for part in stem_and_ending(source))
+    stem, ending = (without_halves(part) for part in _stem_and_ending(source))
     if target.is_symlink():
         raise link_refused(target)
     try:
@@ -289,7 +282,7 @@ def _keep_original(folder: RunFolder, source: Path, sha256: str) -> Path:
     return path
 
 
-def stem_and_ending(path: Path) -> tuple[str, str]:
+def _stem_and_ending(path: Path) -> tuple[str, str]:
     """``("log", ".csv.gz")`` of ``log.csv.gz``."""
     ending = "".join(path.suffixes[-2:]) if path.suffix.lower() == ".gz" else path.suffix
     return path.name.removesuffix(ending), ending
@@ -301,9 +294,8 @@ def recording_name(path: Path) -> str:
     Parameters
     ----------
     path : Path
-        Of the file.
     """
-    return for_file_name(stem_and_ending(path)[0], "imported", gap="_")
+    return for_file_name(_stem_and_ending(path)[0], "imported", gap="_")
 
 
 def repeated(folder: RunFolder) -> dict[str, str]:
@@ -312,7 +304,6 @@ def repeated(folder: RunFolder) -> dict[str, str]:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
 
     Raises
     ------

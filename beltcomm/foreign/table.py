@@ -12,6 +12,7 @@ from typing import Literal
 from beltcomm.arrays import Column
 from beltcomm.configfiles import did_you_mean
 from beltcomm.errors import DataError
+from beltcomm.foreign.spellings import COUNTS, PER_CENT, PER_MILLE, plain_unit
 from beltcomm.quantities import UNITS
 
 Separator = Literal["comma", "semicolon", "tab", "bar", "space"]
@@ -20,7 +21,7 @@ Decimal = Literal["point", "comma"]
 #: A number behind the brackets tells apart columns of one name.
 _UNIT_IN_NAME = re.compile(r"^(.*\S)\s*[\[(]\s*([^\[\]()]*?)\s*[\])](_\d+)?$")
 #: DIN 1313 divides by the unit; what is none there is a part of the name.
-_DIVIDED = re.compile(r"^(.*\S)\s+/\s+([^\s/]+(?:/\S+)?)(_\d+)?$")
+_DIVIDED = re.compile(r"^([^/]*[^/\s])(\s*)/\s*([^\s/]+?(?:/[^\s/]+?)?)(_\d+)?$")
 _UNITS = {other for unit in UNITS.values() for other in unit.others}
 
 
@@ -47,7 +48,14 @@ class Table:
     def find(self, name: str) -> str | None:
         """The column that a name means: itself, else the only one that differs in case or by a unit in brackets, or c1 for the first.
 
-        None when there is none.
+        Parameters
+        ----------
+        name : str
+
+        Returns
+        -------
+        str or None
+            None when there is none.
         """
         if name in self.columns:
             return name
@@ -60,31 +68,53 @@ class Table:
         return list(self.columns)[place - 1] if 0 < place <= len(self.columns) else None
 
     def unit(self, name: str) -> str:
-        """The unit that the file states for a column: below its name or in brackets behind it; "" for none."""
+        """The unit that the file states for a column: below its name or in brackets behind it; "" for none.
+
+        Parameters
+        ----------
+        name : str
+        """
         if name in self.units:
             return self.units[name]
-        match = _unit_in(name)
-        return match[2] if match else ""
+        found = _unit_in(name)
+        return found[1] if found else ""
 
     @staticmethod
     def bare(name: str) -> str:
-        """The name without a unit in brackets."""
-        match = _unit_in(name)
-        return match[1] + (match[3] or "") if match else name
+        """The name without a unit in brackets.
+
+        Parameters
+        ----------
+        name : str
+        """
+        found = _unit_in(name)
+        return found[0] + found[2] if found else name
 
     def no_such_column(self, name: str) -> str:
-        """The sentence for a name that is no column: the nearest one, and all there are."""
+        """The sentence for a name that is no column: the nearest one, and all there are.
+
+        Parameters
+        ----------
+        name : str
+        """
         shown = [known if " " not in known else f'"{known}"' for known in self.columns]
         more = f" and {len(shown) - 30} more" if len(shown) > 30 else ""
         return f"{self.file} has no column {name!r}{did_you_mean(name, self.columns, 0.5)}; it has {', '.join(shown[:30])}{more}"
 
 
-def _unit_in(name: str) -> re.Match[str] | None:
+def _unit_in(name: str) -> tuple[str, str, str] | None:
     """Bare name, unit and number of a column whose name holds a unit."""
     if match := _UNIT_IN_NAME.match(name):
-        return match
-    match = _DIVIDED.match(name)
-    return match if match and match[2].replace("·", "").replace("²", "2").lower() in _UNITS else None
+        return match[1], match[2], match[3] or ""
+    if not (match := _DIVIDED.match(name)):
+        return None
+    last = re.split(r"[\s_.,-]", match[1])[-1]
+    # "Speed rad/s", "kg/s": what stands before the stroke is a unit itself
+    of_unit = not match[2] and (
+        plain_unit(name) in _UNITS or last.isdigit() or (plain_unit(last) in _UNITS and (last != match[1] or len(last) > 1))
+    )
+    known = plain_unit(match[3]) in {*_UNITS, *COUNTS, *PER_CENT, *PER_MILLE}
+    return (match[1], match[3], match[4] or "") if known and not of_unit else None
 
 
 def words_of(error: BaseException) -> str:
@@ -95,6 +125,8 @@ def words_of(error: BaseException) -> str:
     error : BaseException
         Of a library.
     """
+    if isinstance(error, MemoryError):
+        return "a size that no memory holds"
     return (str(error).splitlines() or [type(error).__name__])[0][:100]
 
 
@@ -105,7 +137,6 @@ def damage_as_data_error(path: Path, what: str) -> Iterator[None]:
     Parameters
     ----------
     path : Path
-        Of the file.
     what : str
         Kind of file that it should be, in words.
 

@@ -54,7 +54,6 @@ def read_text_table(
     Parameters
     ----------
     path : Path
-        Of the file.
     separator, decimal : Separator or None
         None recognises it.
     skip_lines : int
@@ -90,14 +89,14 @@ def read_text_table(
     rows = TextRows(path, form, names, torn_rows, part)
     number, without_end = 0, False
     for piece in _pieces(path, look.encoding):
-        first, number = number + 1, number + len(lines_in(piece))
+        first, number = number + 1, number + len(_lines_in(piece))
         if number < begin.number:
             continue
         if first < begin.number:
-            piece = "".join(lines_in(piece, keepends=True)[begin.number - first :])
+            piece = "".join(_lines_in(piece, keepends=True)[begin.number - first :])
             first = begin.number
         if piece[-1] not in "\r\n" and number > begin.number:
-            whole = lines_in(piece, keepends=True)[:-1]
+            whole = _lines_in(piece, keepends=True)[:-1]
             without_end, piece = bool(piece[sum(map(len, whole)) :].strip()), "".join(whole)
         rows.add(first, piece)
     if without_end:
@@ -165,7 +164,7 @@ def _sampled(path: Path, encoding: str, skip_lines: int) -> _Look:
     sample: list[TextLine] = []
     number, every, blank = 0, 1, True
     for piece in _pieces(path, encoding):
-        lines = lines_in(piece)
+        lines = _lines_in(piece)
         blank = blank and not piece.strip()
         if len(head) < _HEAD_LINES:
             begun = [TextLine(number + k, text) for k, text in enumerate(lines, start=1) if number + k > skip_lines]
@@ -183,7 +182,7 @@ def _sampled(path: Path, encoding: str, skip_lines: int) -> _Look:
     return _Look(encoding, head, sample)
 
 
-def lines_in(text: str, *, keepends: bool = False) -> list[str]:
+def _lines_in(text: str, *, keepends: bool = False) -> list[str]:
     """The lines of a text; what Python takes for ends of lines besides, a file of measurements has inside its words."""
     if _OTHER_ENDS.search(text) is None:
         return text.splitlines(keepends)
@@ -221,12 +220,24 @@ class TextRows:
         self._count = 0
 
     def add(self, first: int, text: str) -> None:
-        """Whole lines, the first of which has this number.   Raises DataError for torn ones, a second header, too many values."""
+        """Take whole lines.
+
+        Parameters
+        ----------
+        first : int
+            Number of the first line in the file.
+        text : str
+
+        Raises
+        ------
+        DataError
+            For torn ones, a second header, too many values.
+        """
         if not text.strip():
             return
         table = self._numbers(text)
         if table is None:
-            self._slowly([TextLine(first + k, line) for k, line in enumerate(lines_in(text))])
+            self._slowly([TextLine(first + k, line) for k, line in enumerate(_lines_in(text))])
             return
         if self._waiting:
             self._keep(self._waiting)

@@ -152,7 +152,7 @@ def joined_counter(values: Column) -> tuple[Column, str]:
 
 
 def checked_time(file: str, t_s: Column, rows: NDArray[np.intp]) -> None:
-    """Raise DataError when time stands still or goes back, or when it is in another unit than seconds.
+    """Check that time rises, in seconds.
 
     Parameters
     ----------
@@ -162,6 +162,11 @@ def checked_time(file: str, t_s: Column, rows: NDArray[np.intp]) -> None:
         As it was read.
     rows : ndarray
         Numbers from 0.
+
+    Raises
+    ------
+    DataError
+        When it stands still or goes back, or is in another unit.
     """
     if len(t_s) < 2:
         return

@@ -32,7 +32,7 @@ _PATH = re.compile(r"(?<![\w.:/])(?:/(?!dev/)[\w.+~-]+){2,}|\b[A-Za-z]:\\[^\s\"'
 _SEPARATOR = re.compile(r"[/\\]")
 
 
-def scrubbed(text: str, private: Sequence[str]) -> str:
+def _scrubbed(text: str, private: Sequence[str]) -> str:
     """A text without the places of a machine: of each path only its last part stays, and no ``private`` word."""
     text = _PATH.sub(lambda found: ".../" + _SEPARATOR.split(found[0].rstrip("/"))[-1], text)
     for word in sorted(private, key=len, reverse=True):  # a user's name may be part of the machine's
@@ -41,7 +41,7 @@ def scrubbed(text: str, private: Sequence[str]) -> str:
     return text
 
 
-def versions() -> str:
+def _versions() -> str:
     """Python, the kind of system, and the packages that matter, one per line."""
     lines = [f"python {platform.python_version()}", f"system {platform.system()} {platform.release()} {platform.machine()}"]
     for name in PACKAGES:
@@ -78,14 +78,14 @@ def write_bundle(run: Path, path: Path, *, recordings: bool = False, private: Se
     chosen = [file for file in sorted(run.rglob("*")) if _stands_in(file, run) and _belongs(file.relative_to(run), recordings)]
     try:
         with atomic.replacing(path) as whole, zipfile.ZipFile(whole, "w", zipfile.ZIP_DEFLATED) as archive:
-            archive.writestr(VERSIONS, versions())
+            archive.writestr(VERSIONS, _versions())
             for file in chosen:
                 inside = for_archive(file.relative_to(run).as_posix())
                 if file.suffix in LOGS:
                     with opened(file) as log, archive.open(inside, "w") as packed:
                         shutil.copyfileobj(log, packed)
                 else:
-                    archive.writestr(inside, scrubbed(read_text(file, MEASURED_BYTES, errors="replace"), private))
+                    archive.writestr(inside, _scrubbed(read_text(file, MEASURED_BYTES, errors="replace"), private))
             return archive.namelist()
     except OSError as error:
         raise UsageError(f"{path} cannot be written: {error.strerror or error}; make room or choose another place with --out") from error

@@ -65,13 +65,11 @@ def calibrate_on(drive: Drive, name: str, folder: RunFolder, settings: Settings,
     name : str
         Of the drive.
     folder : RunFolder
-        The run folder.
     settings : Settings
         Place of the carriage that was asked for.
     agree : callable
         Shows what will move and raises Refused for a no.
     talk : Talk
-        Hears progress and answers questions.
 
     Raises
     ------

@@ -61,7 +61,6 @@ def add_to_run(
     Parameters
     ----------
     effect : str
-        Name of the effect.
     run : Place
         Run folder.
     start : mapping of str to float, or None
@@ -81,6 +80,11 @@ def add_to_run(
     -------
     Result
         Values before and after, and whether the effect is worth its parameters.
+
+    Raises
+    ------
+    UsageError
+        For an effect that the model has already.
     """
     run, asked = place(run), word(effect, "effect")
     _refuse_load(stands_for(asked), run)
@@ -98,7 +102,7 @@ def add_to_run(
         notes = []
     notes += words.added_notes(asked, effect, is_replaceable_gap(data, after, effect_named(effect)))
     notes += words.narrower_lines(was.fitted, after)
-    result = change_result(was, data, after, rung, notes, command, pictures)
+    result = _change_result(was, data, after, rung, notes, command, pictures)
     if not cost:
         return result
     price, lines = cost_and_words(here.folder, was.fitted.model, with_intervals(after), effect)
@@ -114,7 +118,7 @@ def _grow(here: Opened, effect: str, start: Mapping[str, float] | None, command:
     Refused
         When no values were found with which the error falls.
     """
-    data, named = fit_with(here, effect, start)
+    data, named = _fit_with(here, effect, start)
     on_body = assign_body(data, named, effect_named(effect))
     shaped = fit_law_shapes(data, on_body.fitted, here.fitted.model)
     data, after = final_refit(data, shaped.fitted)
@@ -158,7 +162,6 @@ def remove_from_run(
     Parameters
     ----------
     effect : str
-        Name of the effect.
     run : Place
         Run folder.
     pictures : bool
@@ -174,6 +177,11 @@ def remove_from_run(
     -------
     Result
         Values before and after.
+
+    Raises
+    ------
+    UsageError
+        For an effect that the model has not.
     """
     run, asked = place(run), word(effect, "effect")
     _refuse_load(asked, run)
@@ -181,29 +189,23 @@ def remove_from_run(
     effect = stands_for(asked, behind_gap=asked in here.fitted.model.effects)
     if effect not in here.fitted.model.effects:
         if (found := _made_already(here, f"-{effect}")) is not None:
-            return change_result(found[0], here.data, here.fitted, found[1], words.made_already_notes(found[1]), command, pictures)
+            return _change_result(found[0], here.data, here.fitted, found[1], words.made_already_notes(found[1]), command, pictures)
         raise UsageError(f"the model of {run} has no {effect}; it has {', '.join(here.fitted.model.effects)}")
     if current_revision(here.folder) is None:
         base_revision(here.folder, here.data, here.fitted, command, when)
-    data, after = fit_without(here, effect)
+    data, after = _fit_without(here, effect)
     rung = revision_of(here.folder, (data, after), (here.data, here.fitted), f"-{effect}", command, when)
-    return change_result(here, data, after, rung, [], command, pictures)
+    return _change_result(here, data, after, rung, [], command, pictures)
 
 
-def change_result(here: Opened, grown: Data, after: Fitted, rung: Revision, notes: Sequence[str], command: str, pictures: bool) -> Result:
-    """Result of ``add`` and ``remove``.
-
-    Parameters
-    ----------
-    grown : Data
-        The records as the new model sees them.
-    """
+def _change_result(here: Opened, grown: Data, after: Fitted, rung: Revision, notes: Sequence[str], command: str, pictures: bool) -> Result:
+    """Result of ``add`` and ``remove``."""
     run = here.folder.path
     made: list[str] = []
     remarks: list[str] = []
     if pictures:
         made, remarks = drawn.change_picture(here.folder, rung, compare(here.data, here.fitted), compare(grown, after), command)
-    model, band = with_intervals(after), rung.plain.band_hz if rung.plain else None
+    model, band = with_intervals(after), rung.plain.band_hz if rung.plain else here.band_hz
     before = of_run(here.data, here.fitted, band)
     data = {
         "run": str(run),
@@ -218,12 +220,12 @@ def change_result(here: Opened, grown: Data, after: Fitted, rung: Revision, note
         "remarks": list(here.records.remarks),
     }
     text = words.remark_lines(here.records.remarks) + words.change_lines(
-        (here.fitted, before), model, after, rung, notes, run, named_beside(here.folder, model)
+        (here.fitted, before), model, after, rung, notes, run, _named_beside(here.folder, model)
     )
     return Result(data, text[:-1] + drawn.lines(here.folder, made, remarks) + text[-1:])
 
 
-def named_beside(folder: RunFolder, model: Model) -> list[str]:
+def _named_beside(folder: RunFolder, model: Model) -> list[str]:
     """Effects that the last diagnosis names and a model does not have, without those that `add` tries by itself."""
     try:
         named = [effect_named(name) for name in (folder.load_result("diagnosis") or {}).get("named") or ()]
@@ -233,7 +235,7 @@ def named_beside(folder: RunFolder, model: Model) -> list[str]:
     return [e.name for e in named if e.name not in model.effects and e.name not in along]
 
 
-def fit_with(here: Opened, effect: str, start: Mapping[str, float] | None) -> tuple[Data, Fitted]:
+def _fit_with(here: Opened, effect: str, start: Mapping[str, float] | None) -> tuple[Data, Fitted]:
     """Records and model with an effect, whatever speaks for it.
 
     Parameters
@@ -247,10 +249,10 @@ def fit_with(here: Opened, effect: str, start: Mapping[str, float] | None) -> tu
         return refit_with_rebuilt_motion(here.data, sections, NEXT_ITERATIONS)
     ground = ground_of(here.fitted, here.data.fitted, here.folder.axis)
     grown = with_effect(here.data, here.fitted, ground, effect_named(effect), start)
-    return refit_with_rebuilt_motion(here.data, better(here.folder, here.data, here.fitted, grown, effect), NEXT_ITERATIONS)
+    return refit_with_rebuilt_motion(here.data, _better(here.folder, here.data, here.fitted, grown, effect), NEXT_ITERATIONS)
 
 
-def fit_without(here: Opened, effect: str) -> tuple[Data, Fitted]:
+def _fit_without(here: Opened, effect: str) -> tuple[Data, Fitted]:
     """Records and model without an effect; as they were where the run had this model before, for the same records.
 
     What was learnt with the effect, noise and rounding above all, would let the same model read another error.
@@ -265,7 +267,7 @@ def fit_without(here: Opened, effect: str) -> tuple[Data, Fitted]:
     return final_refit(*refit_with_rebuilt_motion(here.data, first, NEXT_ITERATIONS))
 
 
-def diagnosis_start(folder: RunFolder, model: Model, effect: str) -> Model | None:
+def _diagnosis_start(folder: RunFolder, model: Model, effect: str) -> Model | None:
     """The model with the effect and the values that ``results/diagnosis.yaml`` ended with; None where it says nothing of it."""
     after = (folder.load_result("diagnosis") or {}).get("after")
     if after is None or effect not in after["effects"]:
@@ -279,11 +281,11 @@ def diagnosis_start(folder: RunFolder, model: Model, effect: str) -> Model | Non
         return None
 
 
-def better(folder: RunFolder, data: Data, base: Fitted, grown: Fitted, effect: str) -> Fitted:
+def _better(folder: RunFolder, data: Data, base: Fitted, grown: Fitted, effect: str) -> Fitted:
     """The model grown from a base, or the same begun at what the diagnosis found where that leaves less: it may have come another way."""
     if grown.objective < MISSING * grown.problem.samples:
         return grown
-    told = diagnosis_start(folder, base.model, effect)
+    told = _diagnosis_start(folder, base.model, effect)
     if told is None:
         return grown
     again = fit(data, told, NEXT_ITERATIONS, offsets=grown.offsets)

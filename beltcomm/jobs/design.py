@@ -64,7 +64,6 @@ def basis_of(run: Path, talk: Talk) -> Basis:
     run : Path
         Of the run folder.
     talk : Talk
-        Hears progress and answers questions.
 
     Raises
     ------
@@ -156,7 +155,7 @@ def delivered(
     }
     kept = _keep_damaged(folder)
     sound = "final" in folder.names("designs") and not doubts(folder)
-    kept = kept or keep_replaced(folder, mapping)
+    kept = kept or _keep_replaced(folder, mapping)
     folder.save("designs", "final", mapping)
     if sound and doubts(folder):
         findings.remarks.append("the gains before were proven by a move and are replaced; these are not proven yet, verify them")
@@ -215,7 +214,7 @@ def _keep_damaged(folder: RunFolder) -> str:
     return ""
 
 
-def keep_replaced(folder: RunFolder, other: Mapping[str, Any]) -> str:
+def _keep_replaced(folder: RunFolder, other: Mapping[str, Any]) -> str:
     """Before another design takes its place, today's stays as ``designs/replaced_N.yaml``; its name, "" where none is lost."""
     if "final" not in folder.names("designs") or same_gains(folder.load("designs", "final").get("parameters"), other["parameters"]):
         return ""

@@ -78,7 +78,7 @@ def searched(job: Callable[P, Result]) -> Callable[P, Result]:
         except BeltcommError as problem:
             options, talk = kwargs.get("options"), kwargs.get("talk")
             if problem.run is not None and isinstance(options, Options) and options.search and _by_the_axis(problem):
-                problem.diagnosis = early_end(RunFolder.open(problem.run), problem, talk or Silence())  # type: ignore[arg-type]
+                problem.diagnosis = _early_end(RunFolder.open(problem.run), problem, talk or Silence())  # type: ignore[arg-type]
             raise
 
     return wrapper
@@ -91,7 +91,7 @@ def _by_the_axis(problem: BeltcommError) -> bool:
     return not isinstance(problem, (Declined, DriveError))
 
 
-def early_end(folder: RunFolder, problem: BeltcommError, talk: Talk) -> Mapping[str, object] | None:
+def _early_end(folder: RunFolder, problem: BeltcommError, talk: Talk) -> Mapping[str, object] | None:
     """Diagnosis of the complete records of a run that ended early; None without any, or where the search was broken off.
 
     ``found``, ``check`` : sentences.   ``verdict``, ``named`` : of the search.   ``repeated`` : the session before ended with the same
@@ -112,7 +112,7 @@ def early_end(folder: RunFolder, problem: BeltcommError, talk: Talk) -> Mapping[
             known = {**_search(folder, talk), "repeated": False}
         told = {**known, **command}
         _keep(folder, key, {**known, "repeated": True})
-        outcome.keep_text(folder, [f"Not finished: {problem}", *lines(told)])
+        outcome.keep_text(folder, [f"Not finished: {problem}", *_lines(told)])
         return told
     except KeyboardInterrupt:  # one who waits for nothing has still to hear why the session ended
         return None
@@ -120,7 +120,7 @@ def early_end(folder: RunFolder, problem: BeltcommError, talk: Talk) -> Mapping[
         return {"found": f"cannot tell ({trouble})", "check": "", "verdict": "", "named": [], "repeated": False, **command}
 
 
-def lines(told: Mapping[str, object]) -> list[str]:
+def _lines(told: Mapping[str, object]) -> list[str]:
     """For people."""
     check = [f"Check: {told['check']}"] if told["check"] else []
     return [f"Found: {told['found']}", *check, f"Next: {told['command']}   (shows all of it)"]
@@ -140,7 +140,7 @@ def _search(folder: RunFolder, talk: Talk) -> dict[str, Any]:
     model = with_intervals(found.final_fit)
     sheets = () if found.added_effects else doubts_of(found.final_fit, folder.axis, records.recordings)
     odd = [str(line) for line in sheet_lines(sheets)]
-    error = f"the error falls from {found.base.ratio:.3g} to {found.final_fit.ratio:.3g} times the noise"
+    error = f"the error falls from {found.published_base[1].ratio:.3g} to {found.final_fit.ratio:.3g} times the noise"
     if found.added_effects:
         said = []
         for name in found.added_effects:
@@ -153,7 +153,7 @@ def _search(folder: RunFolder, talk: Talk) -> dict[str, Any]:
         text = f"{' and '.join(said)}: {found.verdict}, {error}{twin}"
         checks = list(dict.fromkeys(effect_named(name).check for name in found.added_effects))
     else:
-        text = f"{found.verdict}, the error is {found.base.ratio:.3g} times the noise"
+        text = f"{found.verdict}, the error is {found.published_base[1].ratio:.3g} times the noise"
         if found.verdict == "nothing missing":
             text = f"the records up to here are those of a sound axis ({text})"
         checks = remarks[:1]

@@ -40,9 +40,7 @@ def search_of(folder: RunFolder, talk: Talk, most: int = MOST_EFFECTS) -> tuple[
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     talk : Talk
-        Hears progress and answers questions.
     most : int
         Effects that are named.
 
@@ -56,7 +54,7 @@ def search_of(folder: RunFolder, talk: Talk, most: int = MOST_EFFECTS) -> tuple[
     DataError
         For records that nothing can be said of.
     """
-    ahead.begin(last_compiled())
+    ahead.begin(_last_compiled())
     foretell(folder, talk)
     records = records_of(folder)
     talk.phase(1, 0, "search for missing effects")
@@ -69,7 +67,7 @@ def search_of(folder: RunFolder, talk: Talk, most: int = MOST_EFFECTS) -> tuple[
         start,
         begun=(seen_so, base),
         most=most,
-        progress=staged(talk),
+        progress=_staged(talk),
         trying=lambda candidate: detail(talk, words.trial_line(candidate)),
     )
     explainable(found.base.ratio, folder.path)
@@ -91,7 +89,7 @@ def _one_row_early(found: Diagnosis, recordings: Sequence[Recording]) -> list[st
     ]
 
 
-def staged(talk: Talk) -> Callable[[int, float], None]:
+def _staged(talk: Talk) -> Callable[[int, float], None]:
     """Progress of a search, each stage after the first a phase of its own."""
     last = 1
 
@@ -105,7 +103,7 @@ def staged(talk: Talk) -> Callable[[int, float], None]:
     return progress
 
 
-def last_compiled() -> list[Callable[[], object]]:
+def _last_compiled() -> list[Callable[[], object]]:
     """Calls on next to nothing, with the types of every other call, in the order in which a search makes them."""
     a, b, c, d, out, torque = np.zeros((6, 3))
     torque.flags.writeable = False  # as a recorded one

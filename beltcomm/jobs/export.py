@@ -167,7 +167,7 @@ def _mcap(folder: RunFolder, name: str | None, out: Path | None, options: Option
     may_write(out, options.yes, talk)
     try:
         with atomic.replacing(out) as stream:
-            write_mcap(stream, found)
+            _write_mcap(stream, found)
     except OSError as error:
         raise UsageError(f"{out} cannot be written: {error.strerror or error}; choose another place") from error
     rows = {one.name: len(one.torque) for one in found}
@@ -263,7 +263,7 @@ def _apart(cascade: Cascade, structure: CascadeStructure, saved: Mapping[str, An
 _ROWS = 10_000
 
 
-def write_mcap(stream: IO[bytes], recordings: Sequence[Recording]) -> None:
+def _write_mcap(stream: IO[bytes], recordings: Sequence[Recording]) -> None:
     """All columns of each recording as a message per row, stamped by the session's clock where one is known.
 
     Every number stands in the message as it is, t_s too: a stamp is whole nanoseconds.

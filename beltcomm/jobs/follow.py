@@ -42,7 +42,6 @@ def follow_plan(drive: Drive, run: Path, file: Path, options: Options, agree: Ca
     agree : callable
         Shows what will move, raises Refused for a no, and homes if asked.
     talk : Talk
-        Hears progress and answers questions.
     """
     wanted = load_plan(file)
     folder = RunFolder.open(run)
@@ -62,7 +61,7 @@ def follow_plan(drive: Drive, run: Path, file: Path, options: Options, agree: Ca
             )
         agree(shown, machine)
         check_sign(machine)
-        made = follow(machine, model, findings, wanted)
+        made = _follow(machine, model, findings, wanted)
     text = [f"Recorded {', '.join(made)} in {folder.recordings_folder}.", f"Next: beltcomm diagnose {pasted(run)}"]
     return Result({"run": str(run), "recordings": made, "reasons": dict(wanted.reasons)}, text)
 
@@ -79,7 +78,7 @@ def _motion_plan(machine: Machine, model: Model, wanted: NextPlan) -> Plan:
     return Plan(text, tuple(lines_of(axis, own, wanted.steps, model)), thermal=Thermal.of(axis, own), verb="follow")
 
 
-def follow(machine: Machine, model: Model, findings: Findings, wanted: NextPlan) -> list[str]:
+def _follow(machine: Machine, model: Model, findings: Findings, wanted: NextPlan) -> list[str]:
     """Run all steps; returns the names of the records.   Raises what the machine raises; what is recorded stays."""
     machine.holding_nm = model.get("constant_offset.torque")
     cascade = sequence.close_first_loop(machine, findings, model)

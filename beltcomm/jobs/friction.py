@@ -12,9 +12,9 @@ from beltcomm.drive import Capabilities
 from beltcomm.errors import DataError, Refused
 from beltcomm.experiments import phases
 from beltcomm.experiments.bounds import Experiment, course_before, gentle_force_n, peak_torque_nm, stroking_nm
-from beltcomm.experiments.commission import measure_friction
 from beltcomm.experiments.friction_feedforward import learn_friction
 from beltcomm.experiments.plan import MOVE_SECONDS, Plan, friction_plan
+from beltcomm.experiments.recording_steps import measure_friction
 from beltcomm.experiments.sign import sign_words
 from beltcomm.given import pasted
 from beltcomm.identify.magnitude_fit import MagnitudeFit
@@ -66,7 +66,6 @@ def check_payload(folder: RunFolder, model: Model, asked: Wanted) -> None:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     model : Model
         With the mass that moves, kg.
     asked : Wanted
@@ -253,7 +252,6 @@ def result(
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     model : Model
         Of the run.
     fits : mapping of str to MagnitudeFit

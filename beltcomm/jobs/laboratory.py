@@ -19,12 +19,12 @@ from beltcomm.fit.torque.acting_torque import acting_recordings, stated_remarks
 from beltcomm.fit.uncertainty.intervals import parameter_spread, with_intervals
 from beltcomm.given import Place, pasted, place
 from beltcomm.jobs.effect_search import search_of
-from beltcomm.jobs.rungs import base_revision, change_of, plain_of, revision_of
-from beltcomm.laboratory.acceptance import DELAYS, is_confirmed, undetermined_effects
+from beltcomm.jobs.rungs import base_revision, change_of, confirms, plain_of, revision_of
+from beltcomm.laboratory.acceptance import DELAYS, undetermined_effects
 from beltcomm.laboratory.compare import Comparison, compare, landmarks, unexplained_words, worst
 from beltcomm.laboratory.diagnosis import Diagnosis, Stage
 from beltcomm.laboratory.place_words import in_words
-from beltcomm.laboratory.scope import missing_records, not_named
+from beltcomm.laboratory.scope import missing_records, not_named, sampling_doubt
 from beltcomm.laboratory.score import ground_of
 from beltcomm.laboratory.visible import detection_limits
 from beltcomm.pages import pictures as drawn
@@ -80,15 +80,18 @@ def compare_run(run: Place, *, pictures: bool = True, command: str = "", talk: T
     """
     run = place(run)
     folder, question = RunFolder.open(run), (pictures, command)
-    return kept_or_new(folder, "comparison", question, lambda: compared(run, pictures, command, talk or Silence()), drawn=pictures)
+    return kept_or_new(folder, "comparison", question, lambda: _compared(run, pictures, command, talk or Silence()), drawn=pictures)
 
 
-def compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
+def _compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
     """:func:`compare_run` with everything worked out."""
     here = open_fitted(run, talk)
-    comparison = compare(here.data, here.fitted)
+    comparison = compare(here.data, here.fitted, here.band_hz)
     explainable(comparison.ratio, run)
-    chosen, doubt = worst(comparison), noise_doubt(comparison.ratio, here.records.recordings)
+    chosen = worst(comparison)
+    doubt = noise_doubt(comparison.ratio, here.records.recordings)
+    if not doubt and comparison.ratio > EXPLAINED:
+        doubt = sampling_doubt(comparison.ratio, here.fitted.model, here.records.recordings)
     if doubt and (left := unexplained_words({one.name: one.plain for one in comparison.records})):
         doubt += f" {left}"
     named = landmarks(here.fitted.model, here.folder.axis.travel.middle_m)
@@ -127,6 +130,7 @@ def compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
         *here.records.remarks,
         *(f"responses differ by {d.cause}: {d.first}, {d.second} (--details)" for d in table.differences),
         *sheet_words(data["data_sheet"]),
+        *sensor_lines(sensor),
     ]
     text = screens.comparison_screen(comparison, [in_words(p, named) for p in chosen], notes, doubt)
     details = [
@@ -137,13 +141,12 @@ def compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
         *whole_sentences(stated),
         *table_lines(table),
         *sheet_lines(here.sheets),
-        *sensor_lines(sensor),
         *drawn.lines(here.folder, made, remarks),
     ]
-    return Result(data, [*text, *next_lines(after_comparison(here.folder, comparison, bool(doubt)))], details=details)
+    return Result(data, [*text, *next_lines(_after_comparison(here.folder, comparison, bool(doubt)))], details=details)
 
 
-def after_comparison(folder: RunFolder, comparison: Comparison, doubted: bool) -> NextCommand:
+def _after_comparison(folder: RunFolder, comparison: Comparison, doubted: bool) -> NextCommand:
     """The command to type next: a search only where something is left to be found."""
     run = pasted(folder.path)
     if doubted or max(comparison.ratio, comparison.held_out or 0.0) > EXPLAINED:
@@ -191,18 +194,18 @@ def diagnose_run(
     run, talk = place(run), talk or Silence()
     folder = RunFolder.open(run)
     if auto or following:
-        return diagnosed(folder, run, auto, cost, following, command, when, talk)
-    result = kept_or_new(folder, "diagnosis", (cost,), lambda: diagnosed(folder, run, auto, cost, following, command, when, talk))
-    return _with_lines(result, unkept(folder, "diagnosis", result.data))
+        return _diagnosed(folder, run, auto, cost, following, command, when, talk)
+    result = kept_or_new(folder, "diagnosis", (cost,), lambda: _diagnosed(folder, run, auto, cost, following, command, when, talk))
+    return _with_lines(result, _unkept(folder, "diagnosis", result.data))
 
 
-def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: bool, command: str, when: str, talk: Talk) -> Result:
+def _diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: bool, command: str, when: str, talk: Talk) -> Result:
     """:func:`diagnose_run` with everything worked out."""
     model = current_model(folder)
     records, found, doubts = search_of(folder, talk)
     recordings = records.recordings
     crossed = cross_checked(found, recordings, folder.axis)
-    before, after = plain_of(found)
+    before, after = plain_of(found, revisions(folder))
     data: dict[str, Any] = {
         "run": str(run),
         **diagnosis_data(found, before, after),
@@ -211,7 +214,7 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
         "remarks": list(records.remarks),
         "doubts": doubts,
     }
-    belonging = find_confounded(found.final_fit, found.added_effects)
+    belonging = _find_confounded(found.final_fit, found.added_effects)
     data["together"] = [plain(one) for one in belonging]
     stated = stated_remarks(found.data.path, stated_reading(folder), period_of(recordings))
     details = [*words.remark_lines(records.remarks), *words.diagnosis_lines(found)]
@@ -223,30 +226,30 @@ def diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: b
     seen, sights, planned = _sight(folder, found, recordings, following)
     data |= seen
     warned = [*doubts, *words.caveats(found), *(one.text for one in belonging)]
-    notes = [*records.remarks, *sheet_words(data["data_sheet"]), *sights.notes]
+    notes = [*records.remarks, *sheet_words(data["data_sheet"]), *sensor_lines(crossed.sensor), *sights.notes]
     text = screens.diagnosis_screen(found, before, after, warned, notes, data.get("cost"))
     details += sights.lines
     text += sights.planned
-    text += unkept(folder, "diagnosis", plain(data)) if auto or following else []
+    text += _unkept(folder, "diagnosis", plain(data)) if auto or following else []
     if not auto:
         designs = folder.axis.has_transmission and "final" in folder.names("models")
         return Result(data, text + words.after_diagnosis(found, run, planned, designs), details=details)
-    added = climb(folder, found, model is not None, command, when)
+    added = _climb(folder, found, model is not None, command, when)
     if cost and added:
         added = with_costs(folder, found, added, data.get("cost"))
     data["revisions"] = [as_mapping(r) for r in added]
-    unknown = undetermined_in(found.final_fit, found.base)
+    unknown = _undetermined_in(found.final_fit, found.base)
     climbed = words.climb_lines(added, found.added_effects, found.final_fit.held_out_ratio is not None, run, unknown)
     step = f"Next: beltcomm {'design' if folder.axis.has_transmission else 'report'} {pasted(run)}"
     return Result(data, [*text, *climbed, step], details=details)
 
 
-def undetermined_in(fitted: Fitted, base: Fitted) -> list[str]:
+def _undetermined_in(fitted: Fitted, base: Fitted) -> list[str]:
     """Added effects of which no number is known."""
     return undetermined_effects(with_intervals(fitted), base.model)
 
 
-def unkept(folder: RunFolder, name: str, found: Mapping[str, Any]) -> list[str]:
+def _unkept(folder: RunFolder, name: str, found: Mapping[str, Any]) -> list[str]:
     """Keep a result; in a folder that cannot be written, what was found is shown all the same, with a line that says so."""
     try:
         folder.save("results", name, found)
@@ -291,7 +294,7 @@ def _sight(folder: RunFolder, found: Diagnosis, recordings: Sequence[Recording],
     return data, _Sights([] if following else words.blind_words(sights, unnamed), lines, told), planned
 
 
-def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: str) -> list[Revision]:
+def _climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: str) -> list[Revision]:
     """Save every confirmed step of a diagnosis as a revision, one that is not together with the next ones if all of them are.
 
     So it is with an effect of which no number is known: it is a suggestion, and no part of a model.
@@ -301,19 +304,19 @@ def climb(folder: RunFolder, found: Diagnosis, known: bool, command: str, when: 
     made = []
     if not known:
         made.append(base_revision(folder, *found.published_base, command, when))
-    (seen, before), parts = found.published_base, list[Stage]()
+    old, parts = found.published_base, list[Stage]()
     for number, step in enumerate(found.steps):
         if not step.added:
             continue
         # Forms belong to what was named before them, as with ``add``.
         parts += [step, *takewhile(lambda other: not other.added, found.steps[number + 1 :])]
-        after = parts[-1].after
-        if is_confirmed(seen, before, after, found.data) and not undetermined_in(after, found.base):
+        new = (parts[-1].data or found.data, parts[-1].after)
+        if confirms(folder, new, old) and not _undetermined_in(new[1], found.base):
             change = change_of([name for s in parts for name in (s.added, *s.forms) if name], [name for s in parts for name in s.removed])
             if not made and not current_revision(folder):
                 made.append(base_revision(folder, *found.published_base, command, when))
-            made.append(revision_of(folder, (found.data, after), (seen, before), change, command, when))
-            before, seen, parts = after, found.data, []
+            made.append(revision_of(folder, new, old, change, command, when))
+            old, parts = new, []
     return made
 
 
@@ -334,6 +337,11 @@ def ladder_of_run(run: Place, *, pictures: bool = True, command: str = "") -> Re
     -------
     Result
         The steps, with their gain.
+
+    Raises
+    ------
+    UsageError
+        For a run without revisions.
     """
     run = place(run)
     folder = RunFolder.open(run)
@@ -378,7 +386,7 @@ class ConfoundedEffects:
     text: str
 
 
-def find_confounded(fitted: Fitted, named: Sequence[str]) -> list[ConfoundedEffects]:
+def _find_confounded(fitted: Fitted, named: Sequence[str]) -> list[ConfoundedEffects]:
     """All that is to be said of effects that were named side by side."""
     return [*_delays_of(fitted, named), *_ripples_of(fitted, named)]
 
@@ -405,13 +413,13 @@ def _ripples_of(fitted: Fitted, named: Sequence[str]) -> list[ConfoundedEffects]
     model = fitted.model
     if "tooth_ripple" not in model.effects:
         return []
-    teeth, mesh = model["tooth_ripple.teeth"], amplitude(fitted, "tooth_ripple")
+    teeth, mesh = model["tooth_ripple.teeth"], _amplitude(fitted, "tooth_ripple")
     found = []
     for name in named:
         if not name.startswith("cogging"):
             continue
         beside = abs(model[f"{name}.order"] - teeth)
-        if amplitude(fitted, name) < MOST * mesh and abs(beside - BESIDE) < ROUNDED:
+        if _amplitude(fitted, name) < MOST * mesh and abs(beside - BESIDE) < ROUNDED:
             text = (
                 f"{name} of order {model[f'{name}.order']:g} lies one period per turn beside the {teeth:g} teeth: that is what a tooth "
                 "ripple writes whose size changes once per turn (pulley out of true). It may be part of the tooth_ripple and no cause of "
@@ -421,6 +429,6 @@ def _ripples_of(fitted: Fitted, named: Sequence[str]) -> list[ConfoundedEffects]
     return found
 
 
-def amplitude(fitted: Fitted, name: str) -> float:
+def _amplitude(fitted: Fitted, name: str) -> float:
     """Of a ripple, N m."""
     return float((fitted.model[f"{name}.sine"] ** 2 + fitted.model[f"{name}.cosine"] ** 2) ** 0.5)

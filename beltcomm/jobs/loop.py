@@ -47,7 +47,6 @@ def identify_in_loop(drive: Drive, axis: Axis, run: Path, options: Options, agre
     agree : callable
         Shows what will move, raises Refused for a no, and homes when that is asked for.
     talk : Talk
-        Hears progress and answers questions.
 
     Raises
     ------
@@ -98,7 +97,7 @@ def identify_in_loop(drive: Drive, axis: Axis, run: Path, options: Options, agre
     made, remarks = (
         pictures.ways_picture(folder, recording.name, ways, f"beltcomm identify --loop {options.loop}") if options.pictures else ([], [])
     )
-    data = {**saved(folder, recording, ways, slowest), "machine_seconds": seconds, "pictures": made}
+    data = {**_saved(folder, recording, ways, slowest), "machine_seconds": seconds, "pictures": made}
     text = [
         f"{recording.name}: the axis in closed loop, {job.why}.",
         *loop_ways.lines(recording, ways, slowest),
@@ -110,7 +109,7 @@ def identify_in_loop(drive: Drive, axis: Axis, run: Path, options: Options, agre
     return Result({"run": str(run), **data}, text)
 
 
-def saved(folder: RunFolder, recording: Recording, ways: Sequence[LoopReading], slowest: float) -> dict[str, Any]:
+def _saved(folder: RunFolder, recording: Recording, ways: Sequence[LoopReading], slowest: float) -> dict[str, Any]:
     """``results/NAME.yaml`` with all numbers and ``results/NAME_WAY.csv`` with the lines of each response of the record; as a mapping."""
     bias = loop_ways.bias_by(recording, ways)
     note = recording.sidecar.excitation

@@ -59,7 +59,7 @@ def _by_drive(capabilities: Capabilities) -> bool:
     return stroking(capabilities) == "profile"
 
 
-def plan_of(axis: Axis, capabilities: Capabilities, by_m: float) -> Plan:
+def _plan_of(axis: Axis, capabilities: Capabilities, by_m: float) -> Plan:
     """Plan of the move, before anything happens."""
     torque = axis.torque_limit_nm if _by_drive(capabilities) else BREAKAWAY_SHARE * axis.torque_limit_nm
     speed, seconds = CREEP_SPEED_M_S, RAMP_S * (1.0 + abs(by_m) / 3e-3)
@@ -77,7 +77,7 @@ def plan_of(axis: Axis, capabilities: Capabilities, by_m: float) -> Plan:
     return move_plan(axis, abs(by_m), abs(by_m) + MARGIN_M, speed, torque, force, seconds, what)
 
 
-def make(drive: Drive, axis: Axis, by_m: float, position_m: float | None) -> float:
+def _make(drive: Drive, axis: Axis, by_m: float, position_m: float | None) -> float:
     """Move; returns how far it went, m.
 
     Parameters
@@ -113,13 +113,12 @@ def moved(drive: Drive, name: str, axis: Axis, by_m: float, options: Options, ta
     options : Options
         Settings of the session.
     talk : Talk
-        Hears progress and answers questions.
     """
-    plan = plan_of(axis, drive.capabilities, by_m)
+    plan = _plan_of(axis, drive.capabilities, by_m)
     if options.dry_run:
         return plan_result(plan)
     agree(plan, options, talk, drive, axis)
-    gone, closed = make(drive, axis, by_m, options.position_m), _by_drive(drive.capabilities)
+    gone, closed = _make(drive, axis, by_m, options.position_m), _by_drive(drive.capabilities)
     reached = abs(gone - by_m) < max(0.2 * abs(by_m), 2e-3)
     how = "the drive closed its loop with the gains that are in it" if closed else "no loop was closed"
     text = [f"The carriage went {1e3 * gone:+.2f} mm, asked were {1e3 * by_m:+.2f} mm; {how}."]

@@ -30,7 +30,6 @@ def new_profile(file: Path, drive: str | None, eds: Path | None, options: Option
     options : Options
         Settings of the adapter, and consent.
     talk : Talk
-        Hears progress and answers questions.
 
     Raises
     ------

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from beltcomm.arrays import rms
 from beltcomm.control import Cascade
 from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.loops import closed_loop_poles
@@ -88,7 +89,7 @@ def own_thesis(topic: str, run: Place, edges: Place | None = None, *, pictures: 
     run : Place
         Run folder.
     edges : Place or None
-        Of ``estimators``: a file of edge times of the axis's own encoder, on which they are tried.
+        Of ``_estimators``: a file of edge times of the axis's own encoder, on which they are tried.
     pictures : Place or None
         Of ``models``, ``excitations`` and ``identification``: folder for their figures.
     command : str
@@ -148,7 +149,7 @@ def _plant(folder: RunFolder, model: Model) -> DesignPlant:
     )
 
 
-def designs(folder: RunFolder, model: Model) -> _Told:
+def _designs(folder: RunFolder, model: Model) -> _Told:
     """(4.7) to (4.9), (4.13), (4.14) solved as printed, and whether the Butterworth is more robust than the notch (5.1)."""
     plant, period = _plant(folder, model), structure_of(folder).period_s
     text = [
@@ -216,7 +217,7 @@ def _robust_words(largest: float, margin: float | None) -> str:
     return f"{largest:.4f} {'unstable' if largest >= 1.0 else '-' if margin is None else f'{margin:.0f}°':>9}"
 
 
-def closed_loop(folder: RunFolder, model: Model) -> _Told:
+def _closed_loop(folder: RunFolder, model: Model) -> _Told:
     """Figures 5.1 to 5.4 on the own move, and figure 6.10: the torque cut off, with conditional integration (6.26) and without."""
     structure, saved, axis = structure_of(folder), saved_design(folder), folder.axis
     cascade, delay_s = offline.cascade_of(saved, model, structure, None)
@@ -247,7 +248,7 @@ def closed_loop(folder: RunFolder, model: Model) -> _Told:
     return {**data, "windup": rows, "needs_nm": needs}, text
 
 
-def estimators(folder: RunFolder, model: Model) -> _Told:
+def _estimators(folder: RunFolder, model: Model) -> _Told:
     """The four velocity estimators of 6.1 at the own encoder, sampling and speeds: which errs least, and how late each is."""
     settings = estimator_settings(folder, TICK_S)
     step, period, lag = model["transmission.ratio"] * settings.increment_m, settings.period_s, settings.lag_s
@@ -308,7 +309,7 @@ def _on_edges(folder: RunFolder, model: Model, path: Path) -> _Told:
         here = known & (per_period >= low) & (per_period < high)
         if not here.any():
             continue
-        off = {name: 1e3 * float(np.sqrt(np.mean((getattr(read, name) - true)[here] ** 2))) for name in NAMES}
+        off = {name: 1e3 * rms((getattr(read, name) - true)[here]) for name in NAMES}
         usable = off if low >= 2.0 else {name: value for name, value in off.items() if name != "event_counter"}
         best = min(usable, key=lambda name: usable[name])
         rows.append({"from_counts": low, "to_counts": high, "periods": int(here.sum()), "best": best, "rms_mm_s": off})
@@ -319,7 +320,7 @@ def _on_edges(folder: RunFolder, model: Model, path: Path) -> _Told:
     return {"edges": len(found.edges.tick), "invalid": read.invalid, "increment_m": step, "rows": rows}, text
 
 
-def gravity(folder: RunFolder, model: Model) -> _Told:
+def _gravity(folder: RunFolder, model: Model) -> _Told:
     """Chapter 7's slow integrator, simulated on the own model, against half sums of creep, from which Coulomb friction falls out."""
     ratio, friction = model["transmission.ratio"], total_friction(model)
     own = folder.axis.mounting.tilt_deg or TILT_DEG
@@ -366,7 +367,7 @@ def _discretised_gains(folder: RunFolder, model: Model) -> _Told:
     return discretised(_plant(folder, model), cascade, structure.period_s)
 
 
-def excited(folder: RunFolder, model: Model) -> ExcitationStudy:
+def _excited(folder: RunFolder, model: Model) -> ExcitationStudy:
     """The four signals on the own model, inside the own limits."""
     axis = folder.axis
     torque_nm = axis.motor.peak_torque_nm or axis.torque_limit_nm
@@ -374,7 +375,7 @@ def excited(folder: RunFolder, model: Model) -> ExcitationStudy:
     return excitations.compare([ExcitedAxis("own axis", model, axis.travel.middle_m, limits, offline.counts_of(folder), OWN_SEEDS)])
 
 
-def ways(folder: RunFolder, model: Model) -> IdentificationStudy:
+def _ways(folder: RunFolder, model: Model) -> IdentificationStudy:
     """Open loop, direct, indirect and speed setpoint, simulated on the own model with the torque of the own record."""
     notes = [one.sidecar.excitation for one in folder.recordings()]
     amplitude = min((note.amplitude_nm for note in notes if note is not None and note.amplitude_nm), default=identification.AMPLITUDE_NM)
@@ -386,10 +387,10 @@ def ways(folder: RunFolder, model: Model) -> IdentificationStudy:
 #: Topics that there are on a run: those told in a table, and those that are the source's own comparison of another axis.
 OWN: Mapping[str, Callable[[RunFolder, Model], _Told]] = {
     "models": _belt_and_records,
-    "designs": designs,
+    "designs": _designs,
     "discretisation": _discretised_gains,
-    "closed-loop": closed_loop,
-    "estimators": estimators,
-    "gravity": gravity,
+    "closed-loop": _closed_loop,
+    "estimators": _estimators,
+    "gravity": _gravity,
 }
-STUDIES: Mapping[str, Callable[[RunFolder, Model], Any]] = {"excitations": excited, "identification": ways}
+STUDIES: Mapping[str, Callable[[RunFolder, Model], Any]] = {"excitations": _excited, "identification": _ways}

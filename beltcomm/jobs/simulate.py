@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from beltcomm.experiments import phases, verification
-from beltcomm.experiments.commission import close_first_loop, design_for, measure_friction
+from beltcomm.experiments.commission import close_first_loop, design_for
 from beltcomm.experiments.execute_step import RESPONSE_S
 from beltcomm.experiments.proving import verify_move
+from beltcomm.experiments.recording_steps import measure_friction
 from beltcomm.machine import stops
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model

@@ -31,11 +31,11 @@ from beltcomm.machine.prediction_watch import BELT_BEYOND
 from beltcomm.model import Model
 from beltcomm.quantities import in_mm, mm
 from beltcomm.recording.signalfile import write_columns
-from beltcomm.result import Line, Result
+from beltcomm.result import Line, Result, plain
 from beltcomm.rundata import analyse, offline
 from beltcomm.rundata.headline import NOTED, OF, NextCommand, behind, drive_of, hashes_of, headline_of, next_command
 from beltcomm.rundata.proof import LEARNT, proof
-from beltcomm.rundata.store import saved_design, verdict_to_dict
+from beltcomm.rundata.store import saved_design
 from beltcomm.runfolder import RunFolder, next_free
 from beltcomm.sending import Sending
 from beltcomm.sentences import screens, words
@@ -119,7 +119,7 @@ def verify_with(
     over_belt: bool = False,
     planned: Callable[[Plan, Axis], Result] | None = None,
 ) -> Result:
-    """Drive a move with the run's design and compare its error with the prediction.   Exit code 1 when a target is missed.
+    """Drive a move with the run's design and compare its error with the prediction.
 
     Parameters
     ----------
@@ -134,7 +134,6 @@ def verify_with(
     agree : callable
         Shows what will move and raises Refused for a no.
     talk : Talk
-        Hears progress and answers questions.
     move, trajectory
         A file, or limits named in axis.yaml. ``options.feedforward`` replaces the design's for this move only.
     rungs : bool
@@ -145,6 +144,16 @@ def verify_with(
         A virtual belt may carry more than its feed force, as T_B of the design source asks for.
     planned : callable
         Makes the result of a plan that is only shown.
+
+    Returns
+    -------
+    Result
+        Exit code 1 when a target is missed.
+
+    Raises
+    ------
+    Refused
+        For what this drive cannot be sent, and for a no.
     """
     if over_belt and not simulated(name):
         raise Refused("more than the feed force is for virtual belts only; slow the move down, or state another belt in axis.yaml")
@@ -259,7 +268,7 @@ def _keep(
     shown = {"proof": driven_with, OF: hashes_of(driven_with["gains"], model)}
     if drive.capabilities.gains == "unknown" and not _as_predicted(verdict):
         shown = {}  # what was driven are other gains
-    folder.save("results", f"verify_{record}", {**verdict_to_dict(verdict), **shown, NOTED: [remark] if remark else []})
+    folder.save("results", f"verify_{record}", {**plain(verdict), **shown, NOTED: [remark] if remark else []})
 
 
 @contextmanager
@@ -342,7 +351,7 @@ def _result(
         *screens.warning_lines(notes),
         *screens.next_lines(step),
     ]
-    data = {"run": str(folder.path), "recording": record, **verdict_to_dict(verdict), "headline": headline.to_dict()}
+    data = {"run": str(folder.path), "recording": record, **plain(verdict), "headline": headline.to_dict()}
     details = [*words.verdict_lines(verdict, asked, feedforward), *words.remarks_lines(notes)]
     return Result(data, text, 0 if verdict.passed else 1, details=details)
 
@@ -396,7 +405,7 @@ def _rungs_result(folder: RunFolder, path: Trajectory, driven: list[tuple[str, V
         )
         shown = [f"{in_mm(value)}{less}" for value, less in zip(found, taken, strict=True)]
         text.append(f"  {rung.title:74} {shown[0]:>18} {shown[1]:>14} {shown[2]:>20} {shown[3]:>14}")
-        data.append({"rung": rung.key, "title": rung.title, "recording": record, **verdict_to_dict(verdict)})
+        data.append({"rung": rung.key, "title": rung.title, "recording": record, **plain(verdict)})
         before = found
     last = driven[-1][1]
     where = "measured" if last.measured_cart else "predicted; nothing measures there"

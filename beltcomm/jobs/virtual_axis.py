@@ -46,7 +46,7 @@ def machine_of(drive: str) -> tuple[str, str]:
         return f"{SCHEME}{plant}", f"The machine is that of {plant}, as it is; remove the file to have it made of {path} anew."
     axis = load_axis(path)
     model, assumed = sheet_twin(axis)
-    write_text(plant, to_yaml({**model.to_dict(), "name": axis.name or path.stem, "drive": drive_of(axis)}))
+    write_text(plant, to_yaml({**model.to_dict(), "name": axis.name or path.stem, "drive": _drive_of(axis)}))
     return f"{SCHEME}{plant}", (
         f"{plant} is written: a machine as {path} describes it. Assumed, for no sheet tells: {assumed}. Edit it to try others."
     )
@@ -70,7 +70,7 @@ def axis_behind(drive: str) -> Path | None:
     return own if drive.startswith(SCHEME) and path.name.endswith(PLANT) and own.is_file() and _is_axis(own) else None
 
 
-def drive_of(axis: Axis) -> dict[str, Any]:
+def _drive_of(axis: Axis) -> dict[str, Any]:
     """The drive section of a machine by its axis file: the motor's nameplate, the carriage in the middle."""
     motor = axis.motor
     current = motor.rated_torque_nm / motor.torque_constant_nm_a if motor.rated_torque_nm and motor.torque_constant_nm_a else None

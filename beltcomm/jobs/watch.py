@@ -282,7 +282,7 @@ def _of_drive(
     stack: ExitStack,
 ) -> tuple[Iterator[bool], _Stream]:
     if simulated(drive):
-        options["production"] = played_production(folder, moves)
+        options["production"] = _played_production(folder, moves)
     listening = stack.enter_context(listen_to(drive, {**options, "silent": silent}))
     stream = BusStream(listening.title, reading, folder.axis)
 
@@ -301,7 +301,7 @@ def _of_drive(
     return pieces(), stream
 
 
-def played_production(folder: RunFolder, moves: int | None) -> Callable[[Drive], Iterator[object]]:
+def _played_production(folder: RunFolder, moves: int | None) -> Callable[[Drive], Iterator[object]]:
     """The move of the run's verification there and back, with the run's gains: what a virtual drive has in place of a production."""
     axis, saved = folder.axis, saved_design(folder)
     model = offline.design_model(folder, saved)

@@ -58,11 +58,9 @@ def apply_to(
     name : str
         Of the drive.
     folder : RunFolder
-        The run folder.
     options : Options
         Settings of the session.
     talk : Talk
-        Hears progress and answers questions.
     agree : callable
         Shows what will move and raises Refused for a no.
     dcf : Path or None
@@ -111,13 +109,11 @@ def roll_back(drive: Drive, name: str, folder: RunFolder, which: str | None, opt
     name : str
         Of the drive, for what to do next.
     folder : RunFolder
-        The run folder.
     which : str or None
         Its name or path; None is the one from before the run. Nothing moves.
     options : Options
         Settings of the session.
     talk : Talk
-        Hears progress and answers questions.
     """
     backup = backups.choose_backup(folder, which)
     claim(folder, drive.capabilities, options, talk)
@@ -139,11 +135,9 @@ def admitted(folder: RunFolder, options: Options, talk: Talk, dcf: Path | None, 
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     options : Options
         Consent and force.
     talk : Talk
-        Hears progress and answers questions.
     dcf : Path or None
         File that is written in place of the design; None for none.
     shown : bool
@@ -176,7 +170,6 @@ def backup_list(folder: RunFolder) -> Result:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     """
     found = backups.list_backups(folder)
     data = [{"name": one.name, "file": str(one.path), "when": one.when, "before": one.before} for one in found]

@@ -10,12 +10,12 @@ import numpy as np
 
 from beltcomm.arrays import Array
 from beltcomm.errors import Refused, UsageError
-from beltcomm.fit.band_error import QUIET_SHARE, Banded, band_limited_errors, band_of
+from beltcomm.fit.band_error import BANDS_HZ, QUIET_SHARE, Banded, band_limited_errors, band_of
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.records import Data
 from beltcomm.fit.residual.segment import Segment
 from beltcomm.identify.landmarks import shape_of
-from beltcomm.laboratory.figures import PlainError
+from beltcomm.laboratory.figures import Plain, PlainError
 from beltcomm.laboratory.places import ErrorRegion, worst_places
 from beltcomm.laboratory.samples import Judged, units_of
 from beltcomm.model import Model
@@ -72,7 +72,7 @@ class Comparison:
     plain_held_out: PlainError | None = None
 
 
-def compare(data: Data, fitted: Fitted) -> Comparison:
+def compare(data: Data, fitted: Fitted, band_hz: float | None = None) -> Comparison:
     """Ratio of the model's error to the noise in every record, and where it is largest.
 
     Parameters
@@ -81,6 +81,8 @@ def compare(data: Data, fitted: Fitted) -> Comparison:
         Fitted and held-out records.
     fitted : Fitted
         To these records.
+    band_hz : float or None
+        Of the errors in plain units; :func:`band_of` without one.
 
     Returns
     -------
@@ -88,7 +90,7 @@ def compare(data: Data, fitted: Fitted) -> Comparison:
         Ratios 1 at the noise; plain errors in N m and per cent.
     """
     judged: list[Judged] = []
-    model, band = fitted.model, band_of(data, fitted.model)
+    model, band = fitted.model, band_of(data, fitted.model) if band_hz is None else band_hz
     parts = band_limited_errors(data, fitted, band)
     whites = [*np.split(fitted.residual, fitted.problem.ends[1:-1]), *fitted.held_out_residuals]
     for piece, white, part in zip((*fitted.problem.pieces, *data.held_out), whites, parts, strict=True):
@@ -99,9 +101,9 @@ def compare(data: Data, fitted: Fitted) -> Comparison:
         own = [part for part in parts if part.record == name]
         if not len(white):
             continue
-        plain = plain_error(own, model, band)
+        plain = _plain_error(own, model, band)
         records.append(RecordRatio(name, own[0].held_out, float(np.sqrt(np.mean(white**2))), len(white), plain))
-    whole, held = (plain_error([part for part in parts if part.held_out is out], model, band) for out in (False, True))
+    whole, held = (_plain_error([part for part in parts if part.held_out is out], model, band) for out in (False, True))
     return Comparison(fitted.ratio, fitted.held_out_ratio, tuple(records), tuple(worst_places(judged)), tuple(judged), whole, held)
 
 
@@ -154,7 +156,7 @@ def landmarks(model: Model, position_m: float) -> dict[str, float]:
 ABOVE = 2.0
 
 
-def plain_error(parts: Sequence[Banded], model: Model, band_hz: float) -> PlainError | None:
+def _plain_error(parts: Sequence[Banded], model: Model, band_hz: float) -> PlainError | None:
     """Over all samples of some segments that count; None without any."""
     count = sum(int(np.count_nonzero(part.keep)) for part in parts)
     if not count:
@@ -190,19 +192,29 @@ def unexplained_words(errors: Mapping[str, PlainError | None]) -> str:
     )
 
 
-def of_run(data: Data, fitted: Fitted, band_hz: float | None = None) -> tuple[PlainError | None, PlainError | None]:
+def of_run(data: Data, fitted: Fitted, band_hz: float) -> Plain:
     """Over the fitted records and over those held out; None where there are none.
 
     Parameters
     ----------
     data : Data
-        The records.
     fitted : Fitted
-        Model, fitted to the records.
-    band_hz : float or None
-        :func:`band_of` without one.
+    band_hz : float, Hz
+        Up to which.
     """
-    band = band_of(data, fitted.model) if band_hz is None else band_hz
-    parts = band_limited_errors(data, fitted, band)
+    parts = band_limited_errors(data, fitted, band_hz)
     fitted_parts, held = ([part for part in parts if part.held_out is out] for out in (False, True))
-    return plain_error(fitted_parts, fitted.model, band), plain_error(held, fitted.model, band)
+    return _plain_error(fitted_parts, fitted.model, band_hz), _plain_error(held, fitted.model, band_hz)
+
+
+def in_bands(data: Data, fitted: Fitted, widest_hz: float) -> tuple[Plain, ...]:
+    """:func:`of_run` in a band and in each that is narrower: another model of the run may see no further.
+
+    Parameters
+    ----------
+    data : Data
+    fitted : Fitted
+    widest_hz : float, Hz
+        The first band.
+    """
+    return tuple(of_run(data, fitted, band) for band in (widest_hz, *(band for band in BANDS_HZ if band < widest_hz)))

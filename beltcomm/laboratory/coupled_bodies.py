@@ -14,6 +14,7 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 
@@ -54,17 +55,16 @@ def coupling_candidate(data: Data, current: Fitted, axis: Axis) -> Candidate | N
     Parameters
     ----------
     data : Data
-        The records.
     current : Fitted
         Model that it must be better than.
     axis : Axis
         Whose start values of inertias, belt and friction the raster begins from, beside the model's own.
     """
-    if current.objective <= FAR_OFF * current.problem.samples or not may_be_coupled(current):
+    if current.objective <= FAR_OFF * current.problem.samples or not _may_be_coupled(current):
         return None
     if data.path.without_setpoint:  # fast torque is a guess without the setpoint, and a coupling shows itself nowhere else
         return None
-    found = grown_by_coupling(data, current, axis)
+    found = _grown_by_coupling(data, current, axis)
     if found is None:
         return None
     seen, against, grown, ways = found
@@ -101,12 +101,12 @@ def coupling_instead(data: Data, base: Fitted, current: Fitted, axis: Axis) -> C
     return named if drop_by(fit(seen, current.model, AGAIN), named.fitted) > EVIDENCE else None
 
 
-def has_end_pulley(model: Model) -> bool:
+def _has_end_pulley(model: Model) -> bool:
     """True if an end pulley is among its bodies."""
     return any(body.name == "end_pulley" for _, body in model.bodies())
 
 
-def may_be_coupled(current: Fitted) -> bool:
+def _may_be_coupled(current: Fitted) -> bool:
     """True for a belt that nothing rattles on, and no coupling yet."""
     has_spring = STIFFNESS in current.model.parameters or {SPANS_BY_PLACE, SECTIONS} & set(current.model.effects)
     return bool(has_spring) and not needs_observer(current.model) and may_add(current, COUPLING)
@@ -118,13 +118,12 @@ def add_coupling(data: Data, current: Fitted, axis: Axis) -> tuple[Data, Fitted]
     Parameters
     ----------
     data : Data
-        The records.
     current : Fitted
         Model without the coupling.
     axis : Axis
         For what the data sheets say of it.
     """
-    found = grown_by_coupling(data, current, axis, alone=True) if may_be_coupled(current) else None
+    found = _grown_by_coupling(data, current, axis, alone=True) if _may_be_coupled(current) else None
     return None if found is None else refit_from_several_stiffnesses(*refit_with_rebuilt_motion(found[0], found[2], NEXT_ITERATIONS))
 
 
@@ -134,7 +133,6 @@ def with_sections(data: Data, current: Fitted) -> Fitted | None:
     Parameters
     ----------
     data : Data
-        The records.
     current : Fitted
         Model with spans.
 
@@ -143,13 +141,13 @@ def with_sections(data: Data, current: Fitted) -> Fitted | None:
     Fitted or None
         The likeliest of several starts.
     """
-    if SPANS_BY_PLACE not in current.model.effects or has_end_pulley(current.model):
+    if SPANS_BY_PLACE not in current.model.effects or _has_end_pulley(current.model):
         return None
-    places = list(with_pulleys(current.model, current.model["cart.mass"], stiffness_at(current.model, middle_m(data, current.model))))
-    return next(iter(by_objective(fit(data, place, ITERATIONS, offsets=current.offsets) for place in places)), None)
+    places = list(_with_pulleys(current.model, current.model["cart.mass"], _stiffness_at(current.model, _middle_m(data, current.model))))
+    return next(iter(_by_objective(fit(data, place, ITERATIONS, offsets=current.offsets) for place in places)), None)
 
 
-def grown_by_coupling(data: Data, current: Fitted, axis: Axis, *, alone: bool = False) -> tuple[Data, Fitted, Fitted, int] | None:
+def _grown_by_coupling(data: Data, current: Fitted, axis: Axis, *, alone: bool = False) -> tuple[Data, Fitted, Fitted, int] | None:
     """Records with steps of time that suit a coupling, the model as it is and with one, and places it was begun from; None for none.
 
     An end pulley comes with it where that leaves less than its parameters cost.
@@ -160,57 +158,58 @@ def grown_by_coupling(data: Data, current: Fitted, axis: Axis, *, alone: bool = 
         No end pulley comes with it.
     """
     here = current.model
-    own = has_end_pulley(here)
-    grounds, place_m = (here, start_model(axis, data.recordings)), middle_m(data, here)
-    single = [] if own else [model for ground in grounds for model in raster(here, ground, place_m, False)]
+    own = _has_end_pulley(here)
+    grounds, place_m = (here, start_model(axis, data.recordings)), _middle_m(data, here)
+    single = [] if own else [model for ground in grounds for model in _raster(here, ground, place_m, False)]
     both = own or (not alone and may_add(current, END_PULLEY))
-    double = [model for ground in grounds for model in raster(here, ground, place_m, True)] if both else []
+    double = [model for ground in grounds for model in _raster(here, ground, place_m, True)] if both else []
     if not single + double:
         return None
     finer = for_coupling(data, here)
     against = current if finer is data else fit(finer, here, AGAIN, offsets=current.offsets)
-    simple, more = (next(iter(best_from(finer, places)), None) for places in (single, double))
+    simple, more = (next(iter(_best_from(finer, places)), None) for places in (single, double))
     if simple is not None and (more is None or drop_by(simple, more) <= bic_penalty(END_PULLEY, simple, len(double)) + EVIDENCE):
         return finer, against, simple, len(single)
     return None if more is None else (finer, against, more, len(double))
 
 
-def raster(here: Model, start: Model, place_m: float, with_pulley: bool) -> Iterator[Model]:
+def _raster(here: Model, start: Model, place_m: float, with_pulley: bool) -> Iterator[Model]:
     """Models with a coupling, and with an end pulley or without, whose low frequencies are those of the start values.
 
     Parameters
     ----------
     here : Model
-        Its effects stay, but for a delay of the torque, which stands for the coupling's inertia.
+        Its effects stay; with a delay of the torque and without, for it may be one or stand for the coupling's inertia.
     place_m : float, m
         Of the carriage, where the belt's stiffness counts.
     """
     known = {name: start[name] for name in start.parameters if name in here.parameters}
-    ground = here.with_values(known, "start")
-    for effect in here.effect_list():
-        if effect is END_PULLEY or effect.slot == "torque_delay":
-            ground = ground.without_effect(effect.name)
-    inertia, belt, mass = ground["motor.inertia"], stiffness_at(ground, place_m), ground["cart.mass"]
-    lever = ground["transmission.ratio"]
-    for flexible, behind in itertools.product(FLEXIBLE, BEHIND):
+    late = here.with_values(known, "start")
+    late = late.without_effect(END_PULLEY.name) if END_PULLEY.name in late.effects else late
+    delays = [effect.name for effect in late.effect_list() if effect.slot == "torque_delay"]
+    prompt = reduce(Model.without_effect, delays, late)
+    grounds = [prompt, late] if any(late[f"{name}.time"] > 0.0 for name in delays) else [prompt]
+    inertia, belt, mass = late["motor.inertia"], _stiffness_at(late, place_m), late["cart.mass"]
+    lever = late["transmission.ratio"]
+    for ground, flexible, behind in itertools.product(grounds, FLEXIBLE, BEHIND):
         values = {
             "coupling.stiffness": belt * lever**2 / flexible,
             "driving_pulley.inertia": behind * inertia,
             "motor.inertia": (1.0 - behind) * inertia,
         }
-        model = begun_at(with_stiffness(ground.with_effect(COUPLING.name), 1.0 / (1.0 - flexible)), values)
+        model = _begun_at(_with_stiffness(ground.with_effect(COUPLING.name), 1.0 / (1.0 - flexible)), values)
         if model is not None:
-            yield from with_pulleys(model, mass, belt) if with_pulley else (model,)
+            yield from _with_pulleys(model, mass, belt) if with_pulley else (model,)
 
 
-def begun_at(model: Model | None, values: Mapping[str, float]) -> Model | None:
+def _begun_at(model: Model | None, values: Mapping[str, float]) -> Model | None:
     """The model with these start values; None where one of them is outside its bounds, and for no model."""
     if model is None or any(not model.parameters[name].low <= value <= model.parameters[name].high for name, value in values.items()):
         return None
     return model.with_values(values, "start")
 
 
-def with_pulleys(model: Model, mass: float, belt: float) -> Iterator[Model]:
+def _with_pulleys(model: Model, mass: float, belt: float) -> Iterator[Model]:
     """The model with end pulleys: in a span of unknown geometry, or between the sections of one that is known, where it may be already.
 
     Parameters
@@ -221,12 +220,12 @@ def with_pulleys(model: Model, mass: float, belt: float) -> Iterator[Model]:
         Stiffness to which the damping of the belt belongs.
     """
     if SPANS_BY_PLACE in model.effects:
-        tried = (begun_at(by_sections(model, belt), {"end_pulley.mass": share * mass}) for share in PULLEYS)
+        tried = (_begun_at(_by_sections(model, belt), {"end_pulley.mass": share * mass}) for share in PULLEYS)
     elif SECTIONS in model.effects:
-        tried = (begun_at(model, {"end_pulley.mass": share * mass}) for share in PULLEYS)
+        tried = (_begun_at(model, {"end_pulley.mass": share * mass}) for share in PULLEYS)
     else:
         tried = (
-            begun_at(
+            _begun_at(
                 model.with_effect(END_PULLEY.name),
                 {"end_pulley.mass": pulley * mass, "end_pulley.share": share, "end_pulley.split": split},
             )
@@ -235,17 +234,17 @@ def with_pulleys(model: Model, mass: float, belt: float) -> Iterator[Model]:
     yield from (grown for grown in tried if grown is not None)
 
 
-def by_sections(model: Model, belt: float) -> Model | None:
+def _by_sections(model: Model, belt: float) -> Model | None:
     """The model whose spans are sections with an end pulley between them, of the geometry that they have; None beyond the bounds."""
     own = {name: model[f"{SPANS_BY_PLACE}.{name}"] for name in ("specific_stiffness", "pulley_distance", "offset")}
     own["specific_damping"] = model.get("belt_damping.damping") / belt * own["specific_stiffness"]
     bare = model.without_effect(SPANS_BY_PLACE)
     bare = bare.without_effect("belt_damping") if "belt_damping" in bare.effects else bare
-    grown = begun_at(bare.with_effect(SECTIONS), {f"{SECTIONS}.{name}": value for name, value in own.items()})
+    grown = _begun_at(bare.with_effect(SECTIONS), {f"{SECTIONS}.{name}": value for name, value in own.items()})
     return None if grown is None else grown.with_fixed(f"{SECTIONS}.pulley_distance")
 
 
-def stiffness_at(model: Model, place_m: float) -> float:
+def _stiffness_at(model: Model, place_m: float) -> float:
     """Stiffness of the belt at a place, N/m, of one without mass in it."""
     if STIFFNESS in model.parameters:
         return model[STIFFNESS]
@@ -253,36 +252,36 @@ def stiffness_at(model: Model, place_m: float) -> float:
     return float(stiffness_of_spans(place_m, *(model[f"{law}.{name}"] for name in ("specific_stiffness", "pulley_distance", "offset"))))
 
 
-def with_stiffness(model: Model, factor: float) -> Model | None:
+def _with_stiffness(model: Model, factor: float) -> Model | None:
     """The model with a belt so many times as stiff; None where that is stiffer than a belt can be."""
     names = (STIFFNESS, *(f"{law}.specific_stiffness" for law in (SPANS_BY_PLACE, SECTIONS)))
-    return begun_at(model, {name: factor * model[name] for name in names if name in model.parameters})
+    return _begun_at(model, {name: factor * model[name] for name in names if name in model.parameters})
 
 
-def middle_m(data: Data, model: Model) -> float:
+def _middle_m(data: Data, model: Model) -> float:
     """Place of the carriage in the middle of the records, m."""
     return float(np.mean([np.mean(piece.motion.theta) for piece in data.fitted])) * model["transmission.ratio"]
 
 
-def best_from(data: Data, places: Sequence[Model]) -> list[Fitted]:
+def _best_from(data: Data, places: Sequence[Model]) -> list[Fitted]:
     """Fits begun from the places that suit the excited records best as they are; those that come far soon go on, on all records."""
-    excited = excited_only(data)
+    excited = _excited_only(data)
     best: dict[tuple[float, float], Fitted] = {}  # of each coupling: else all that go on have the same
-    for seen in by_objective(fit(excited, model, 0) for model in places):
+    for seen in _by_objective(fit(excited, model, 0) for model in places):
         own = seen.model["driving_pulley.inertia"]
         best.setdefault((seen.model["coupling.stiffness"], round(own / (own + seen.model["motor.inertia"]), 6)), seen)
-    begun = by_objective(fit(excited, fitted.model, FIRST) for fitted in best.values())
-    return by_objective(fit(data, fitted.model, ITERATIONS) for fitted in begun[:GO_ON])
+    begun = _by_objective(fit(excited, fitted.model, FIRST) for fitted in best.values())
+    return _by_objective(fit(data, fitted.model, ITERATIONS) for fitted in begun[:GO_ON])
 
 
-def excited_only(data: Data) -> Data:
+def _excited_only(data: Data) -> Data:
     """Records whose excitation reaches the modes; all where none of them is such."""
     names = {recording.name for recording in data.recordings if recording.sidecar.experiment == "frf"}
     pieces = tuple(piece for piece in data.fitted if piece.record in names)
     return replace(data, fitted=pieces, held_out=()) if pieces else data
 
 
-def by_objective(fits: Iterable[Fitted]) -> list[Fitted]:
+def _by_objective(fits: Iterable[Fitted]) -> list[Fitted]:
     """Fits in the order of what they leave, the least first; those that fly off are not among them."""
     return sorted((fitted for fitted in fits if math.isfinite(fitted.objective)), key=lambda fitted: fitted.objective)
 
@@ -295,13 +294,12 @@ def refit_from_several_stiffnesses(data: Data, grown: Fitted) -> tuple[Data, Fit
     Parameters
     ----------
     data : Data
-        The records.
     grown : Fitted
         Fitted with the coupling.
     """
     tried = [(data, grown)]
     for factor in ASIDE:
-        begun = as_flexible(grown.model, factor * grown.model["coupling.stiffness"], middle_m(data, grown.model))
+        begun = _as_flexible(grown.model, factor * grown.model["coupling.stiffness"], _middle_m(data, grown.model))
         if begun is None:
             continue
         ahead, found = data, fit(data, begun, APART, offsets=grown.offsets)
@@ -311,9 +309,9 @@ def refit_from_several_stiffnesses(data: Data, grown: Fitted) -> tuple[Data, Fit
     return min(tried, key=lambda one: one[1].ratio if math.isfinite(one[1].objective) else math.inf)
 
 
-def as_flexible(model: Model, stiffness: float, place_m: float) -> Model | None:
+def _as_flexible(model: Model, stiffness: float, place_m: float) -> Model | None:
     """The model with another stiffness of its coupling, N m/rad, and the belt's with which both give way as before; None for none."""
-    lever, belt = model["transmission.ratio"] ** 2, stiffness_at(model, place_m)
+    lever, belt = model["transmission.ratio"] ** 2, _stiffness_at(model, place_m)
     rest = 1.0 / belt + lever / model["coupling.stiffness"] - lever / stiffness
-    other = begun_at(model, {"coupling.stiffness": stiffness}) if rest > 0.0 else None
-    return None if other is None else with_stiffness(other, 1.0 / (rest * belt))
+    other = _begun_at(model, {"coupling.stiffness": stiffness}) if rest > 0.0 else None
+    return None if other is None else _with_stiffness(other, 1.0 / (rest * belt))

@@ -89,9 +89,7 @@ def sheet_doubts(model: Model, ratio: float, axis: Axis, recordings: Sequence[Re
     ratio : float
         Its error over the noise.
     axis : Axis
-        As its file states it.
     recordings : sequence of Recording
-        Of a run.
     """
     if "cart" not in model.base_bodies:
         return _rigid_doubts(axis, recordings)
@@ -139,9 +137,7 @@ def doubts_of(fitted: Fitted, axis: Axis, recordings: Sequence[Recording]) -> tu
     Parameters
     ----------
     fitted : Fitted
-        Model, fitted to the records.
     axis : Axis
-        Data sheets.
     recordings : sequence of Recording
         Of the fit.
     """
@@ -283,10 +279,10 @@ def map_checks(recordings: Sequence[Recording], model: Model) -> tuple[MapCheck,
     waves = np.array([complex(model[f"{n}.cosine"], -model[f"{n}.sine"]) for n in present if f"{n}.order" in model.parameters])
     if not len(orders):
         return ()
-    return tuple(map_check(r, orders, waves) for r in recordings if r.is_static_map)
+    return tuple(_map_check(r, orders, waves) for r in recordings if r.is_static_map)
 
 
-def map_check(record: Recording, orders: Array, waves: ComplexArray) -> MapCheck:
+def _map_check(record: Recording, orders: Array, waves: ComplexArray) -> MapCheck:
     """One map; waves: w of the torque Re Σ w exp(j N θ)."""
     angle = record.position
     columns = np.concatenate([np.cos(np.outer(angle, orders)), -np.sin(np.outer(angle, orders)), np.ones((len(angle), 1))], axis=1)
@@ -309,7 +305,6 @@ def friction_bound(fitted: Fitted, ground: AxisSummary) -> float:
     Parameters
     ----------
     fitted : Fitted
-        Model, fitted to the records.
     ground : AxisSummary
         Of the axis, for the trials.
     """

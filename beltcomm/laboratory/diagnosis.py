@@ -10,7 +10,15 @@ from typing import Final, Literal
 from beltcomm.axis import Axis
 from beltcomm.compiled import in_one_thread
 from beltcomm.effects import EFFECTS, effect_named
-from beltcomm.fit.base import FIRST_ITERATIONS, NEXT_ITERATIONS, fit_base, in_groups_of, likeliest_path, refit_with_rebuilt_motion
+from beltcomm.fit.base import (
+    FIRST_ITERATIONS,
+    NEXT_ITERATIONS,
+    fit_base,
+    in_groups_of,
+    likeliest_path,
+    refit_with_rebuilt_motion,
+    with_noise_that_is_left,
+)
 from beltcomm.fit.estimate import Fitted, escape_local_minimum, fit
 from beltcomm.fit.least_squares import least_plain_error
 from beltcomm.fit.path_fit.values import refine_path
@@ -93,6 +101,8 @@ class Stage:
         See ``law_shape``; beside an effect that was added what of it acts on the carriage.
     detour : tuple of str
         Effects that were taken on trial first and became superfluous beside that one.
+    data : Data or None
+        Records as the model that it ended with sees them; None while the search goes on.
     """
 
     before: Fitted
@@ -102,6 +112,7 @@ class Stage:
     after: Fitted
     forms: tuple[str, ...] = ()
     detour: tuple[str, ...] = ()
+    data: Data | None = None
 
 
 @dataclass(frozen=True)
@@ -161,7 +172,6 @@ def fit_base_of(recordings: Sequence[Recording], axis: Axis, start: Model) -> tu
     recordings : sequence of Recording
         That are fitted, and held out.
     axis : Axis
-        As its file states it.
     start : Model
         Model that the fit begins from.
 
@@ -173,7 +183,7 @@ def fit_base_of(recordings: Sequence[Recording], axis: Axis, start: Model) -> tu
     return fit_base(prepare(recordings, axis, start), start, sheet=data_sheet(axis, recordings))
 
 
-def as_searched(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
+def _as_searched(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
     """The fit of a base with the steps of time, and at the likelihood's minimum, of a search."""
     fitted = fitted.likeliest or fitted
     return (data, fitted) if needs_observer(fitted.model) else refit_with_rebuilt_motion(data, fitted, SETTLED_ITERATIONS)
@@ -185,9 +195,7 @@ def final_refit(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
     Parameters
     ----------
     data : Data
-        The records.
     fitted : Fitted
-        Model, fitted to the records.
 
     Returns
     -------
@@ -215,9 +223,7 @@ def diagnose(
     Parameters
     ----------
     recordings : sequence of Recording
-        Of a run.
     axis : Axis
-        As its file states it.
     start : Model
         Model that the search begins from.
     begun : tuple[Data, Fitted] or None
@@ -237,7 +243,7 @@ def diagnose(
     if begun is None:
         data, base = fit_base(prepare(recordings, axis, start), start, sheet=data_sheet(axis, recordings), publish=False)
     else:
-        data, base = as_searched(*begun)
+        data, base = _as_searched(*begun)
     steps: list[Stage] = []
     seen: list[Data] = []  # what each step began with
     current = base
@@ -247,21 +253,22 @@ def diagnose(
     patient = True
     ranked: list[Candidate] | None = None
     coupled: Fitted | None = None  # what was asked last whether a coupling is behind it
+    quieter = False  # noise that stood for what was missing was found anew: the base is held against it, too
     instead = False  # begun anew with a coupling in the place of all that was named
     for number in range(limit):
         above = BESIDE_ADDED if any(step.added for step in steps) else MISSING
         if ranked is None:
-            ranked = find_candidates(
-                data, current, at_base if current is base else Scorer(current), start, axis, above, in_stage(progress, number)
+            ranked = _find_candidates(
+                data, current, at_base if current is base else Scorer(current), start, axis, above, _in_stage(progress, number)
             )
         # Further orders of a ripple that is there already are no new cause.
-        causes = sum(bool(step.added) and not is_later_member(step.added) for step in steps)
-        taken = accept_best(data, current, ranked, trying, causes < most)
+        causes = sum(bool(step.added) and not _is_later_member(step.added) for step in steps)
+        taken = _accept_best(data, current, ranked, trying, causes < most)
         ranked = None
         current.problem.forget()  # observers of a stage that is over: every step keeps its model
         if taken.best is None or taken.grown is None:
             if doubted is not None:
-                data, current, ranked = revert_step(seen, steps, doubted, trying)
+                data, current, ranked = _revert_step(seen, steps, doubted, trying)
                 doubted, patient = None, False
                 continue
             coupling = None if coupled is current or causes >= most else coupling_candidate(data, current, axis)
@@ -273,7 +280,7 @@ def diagnose(
                 data, current, ranked = seen[0], base, [coupling, *steps[0].candidates]
                 steps, seen, instead = [], [], True
                 continue
-            better = escape_if_far_off(data, current) if causes else None
+            better = _escape_if_far_off(data, current) if causes else None
             if better is not None:
                 data, current = refit_with_rebuilt_motion(data, better, NEXT_ITERATIONS)
                 steps[-1] = replace(steps[-1], after=current)
@@ -298,18 +305,22 @@ def diagnose(
         if len(steps) == 1 and data.path.rivals and not needs_observer(current.model):  # what was missing had told the path
             data, current = likeliest_path(*refine_path(data, current))
             steps[-1] = replace(steps[-1], after=current)
+        if current.objective < QUIET * current.problem.samples:
+            data, current = with_noise_that_is_left(data, current)
+            quieter = True
+            steps[-1] = replace(steps[-1], after=current)
         at = len(steps) - 1 if doubted is None else doubted
         strays = steps[at].added in kept.model.effects and is_replaceable_gap(data, kept, effect_named(steps[at].added))
         if strays and not (patient and doubted is None):
-            data, current, ranked = revert_step(seen, steps, at, trying)
+            data, current, ranked = _revert_step(seen, steps, at, trying)
             doubted, patient = None, False
             continue
-        direct = find_shortcut(seen, steps) if removed else None
+        direct = _find_shortcut(seen, steps) if removed else None
         if direct is not None:
             first, step = direct
             steps[first:], seen[first + 1 :] = [step], []
         doubted = len(steps) - 1 if strays else None  # what a gap hides may show itself behind it, as a slack strand does
-    twins = next((pair for step in steps if step.added and (pair := twins_of(without_contradicted(step.candidates)))), ())
+    twins = next((pair for step in steps if step.added and (pair := _twins_of(_without_contradicted(step.candidates)))), ())
     if twins and twins[0] not in current.model.effects:
         twins = ()
     against = base  # what the last model is held against: a base of the same steps of time and groups of samples
@@ -318,17 +329,23 @@ def diagnose(
         steps = [replace(step, after=last) if step.after is current else step for step in steps]
         current = last
         alike = data.substeps != at_first.substeps  # the last model with finer steps, and so the first one, too
-        before, against = in_groups_of(*((begun or final_refit(at_first, base)) if alike else (at_first, base)), data)
+        if quieter:
+            known = replace(at_first, step_rad=data.step_rad, noise_nm=data.noise_nm, colour=data.colour)
+            before, against = final_refit(known, base)
+        else:
+            before, against = (begun or final_refit(at_first, base)) if alike else (at_first, base)
+        before, against = in_groups_of(before, against, data)
         if not lowers(before, against, current, data):
-            data, current, twins, steps, against = at_first, base, (), [withdrawn(steps, base)], base
-    verdict = verdict_of(against, steps, twins, remaining_structure(data, current))
+            data, current, twins, steps, against = at_first, base, (), [_withdrawn(steps, base)], base
+    verdict = _verdict_of(against, steps, twins, _remaining_structure(data, current))
     if current is not base:
         told = least_plain_error(data, current, FIRST_ITERATIONS)
         steps = [replace(step, after=told) if step.after is current else step for step in steps]
-    return Diagnosis(base, data, tuple(steps), verdict, twins, at_base, at_first, begun)
+    ended = tuple(replace(step, data=ahead) for step, ahead in zip(steps, (*seen[1 : len(steps)], data), strict=True))
+    return Diagnosis(base, data, ended, verdict, twins, at_base, at_first, begun)
 
 
-def find_candidates(
+def _find_candidates(
     data: Data, current: Fitted, scorer: Scorer, start: Model, axis: Axis, above: float, progress: Callable[[float], None]
 ) -> list[Candidate]:
     """Candidates for what is missing, best first.
@@ -356,7 +373,7 @@ def find_candidates(
     return both if masked is None else merge_candidates([c for c in both if c.effect is not masked.effect], [masked])
 
 
-def revert_step(
+def _revert_step(
     seen: list[Data], steps: list[Stage], first: int, trying: Callable[[Candidate], None]
 ) -> tuple[Data, Fitted, list[Candidate]]:
     """Records, model and candidates as a step began with them, its effect refused: a carriage that strays can do without it.
@@ -371,7 +388,7 @@ def revert_step(
     return data, step.before, [refused if c is best else c for c in step.candidates]
 
 
-def withdrawn(steps: Sequence[Stage], base: Fitted) -> Stage:
+def _withdrawn(steps: Sequence[Stage], base: Fitted) -> Stage:
     """The first step with its effect refused: with all that was added the error in plain units is no less than without."""
     first = steps[0]
     refused = [replace(c, accepted=False, idle=True) if c.effect.name == first.added else c for c in first.candidates]
@@ -398,7 +415,7 @@ class Acceptance:
     grown: Fitted | None = None
 
 
-def accept_best(
+def _accept_best(
     data: Data, current: Fitted, candidates: list[Candidate], trying: Callable[[Candidate], None], causes_left: bool
 ) -> Acceptance:
     """The best candidate with everything fitted again; the next one where the error as a whole grows, and none where that is not accepted.
@@ -411,8 +428,8 @@ def accept_best(
         Whether one more cause may be named; else only further orders of one.
     """
     while True:
-        best = next(iter(without_contradicted(candidates)), None)
-        if best is None or not best.accepted or best.fitted is None or not (causes_left or is_later_member(best.effect.name)):
+        best = next(iter(_without_contradicted(candidates)), None)
+        if best is None or not best.accepted or best.fitted is None or not (causes_left or _is_later_member(best.effect.name)):
             return Acceptance(candidates, None, data)
         trying(best)
         ahead, grown = refit_with_rebuilt_motion(data, best.fitted, NEXT_ITERATIONS)
@@ -428,7 +445,7 @@ def accept_best(
         candidates = [refused if c is best else c for c in candidates]
 
 
-def escape_if_far_off(data: Data, fitted: Fitted) -> Fitted | None:
+def _escape_if_far_off(data: Data, fitted: Fitted) -> Fitted | None:
     """The model in a better valley where the error is far above the noise; None where it is not, or where none is found.
 
     Asked when nothing more explains what is left beside an added effect, so that it costs no time where a search ends well.
@@ -440,22 +457,22 @@ def escape_if_far_off(data: Data, fitted: Fitted) -> Fitted | None:
     return found if drop > EVIDENCE and not is_refuted(drop, held_out_gain) and not impossible(found.model) else None
 
 
-def without_contradicted(candidates: Sequence[Candidate]) -> list[Candidate]:
+def _without_contradicted(candidates: Sequence[Candidate]) -> list[Candidate]:
     """Candidates that neither the held-out records nor their own values contradict: the others stand in no one's way."""
     return [c for c in candidates if c.stands]
 
 
-def in_stage(progress: Callable[[int, float], None], number: int) -> Callable[[float], None]:
+def _in_stage(progress: Callable[[int, float], None], number: int) -> Callable[[float], None]:
     """Progress of a search as that of its stage: the trial that follows takes about as long."""
     return lambda fraction: progress(number + 1, 0.5 * fraction)
 
 
-def is_later_member(name: str) -> bool:
+def _is_later_member(name: str) -> bool:
     """True if an effect is the second, third, ... of a numbered family."""
     return name.rpartition("_")[2].isdigit()
 
 
-def find_shortcut(seen: Sequence[Data], steps: Sequence[Stage]) -> tuple[int, Stage] | None:
+def _find_shortcut(seen: Sequence[Data], steps: Sequence[Stage]) -> tuple[int, Stage] | None:
     """The step that goes straight to where the last ones came by a detour, and the number of the first that it stands for.
 
     Far from the truth the score test does not see every effect, and one that explains a part shows it the way.  Where that one is
@@ -473,7 +490,7 @@ def find_shortcut(seen: Sequence[Data], steps: Sequence[Stage]) -> tuple[int, St
         straight = fit(seen[number], last.after.model, FIRST_ITERATIONS, offsets=last.after.offsets)
         found = candidate(seen[number], step.before, effect_named(last.added), 0.0, straight, len(steps) - number)
         candidates = merge_candidates(step.candidates, [found])
-        if without_contradicted(candidates)[0] is found and found.accepted:
+        if _without_contradicted(candidates)[0] is found and found.accepted:
             detour = tuple(name for name in last.removed if name not in step.before.model.effects)
             left = {*last.after.model.parameters, *last.after.model.effects}
             forms = tuple(name for other in steps[number:] for name in other.forms if name in left)
@@ -481,7 +498,7 @@ def find_shortcut(seen: Sequence[Data], steps: Sequence[Stage]) -> tuple[int, St
     return None
 
 
-def twins_of(candidates: Sequence[Candidate]) -> tuple[str, ...]:
+def _twins_of(candidates: Sequence[Candidate]) -> tuple[str, ...]:
     """The best candidate and the next that the data cannot tell it from, whichever of the two knows the other for its twin."""
     if not candidates:
         return ()
@@ -494,7 +511,7 @@ def twins_of(candidates: Sequence[Candidate]) -> tuple[str, ...]:
     return ()
 
 
-def remaining_structure(data: Data, fitted: Fitted) -> float:
+def _remaining_structure(data: Data, fitted: Fitted) -> float:
     """Distance of the residual from noise: see ``beltcomm.laboratory.samples``."""
     return max(structures(data, fitted).values(), default=0.0)
 
@@ -505,9 +522,7 @@ def structures(data: Data, fitted: Fitted) -> dict[str, float]:
     Parameters
     ----------
     data : Data
-        The records.
     fitted : Fitted
-        Model, fitted to the records.
 
     Returns
     -------
@@ -517,7 +532,7 @@ def structures(data: Data, fitted: Fitted) -> dict[str, float]:
     return structure(compare(data, fitted).judged)
 
 
-def verdict_of(base: Fitted, steps: Sequence[Stage], twins: tuple[str, ...], left: float) -> Verdict:
+def _verdict_of(base: Fitted, steps: Sequence[Stage], twins: tuple[str, ...], left: float) -> Verdict:
     """The verdict about the state after adding the best effects on trial.
 
     Parameters

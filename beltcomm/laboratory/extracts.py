@@ -24,7 +24,7 @@ from beltcomm.arrays import Array
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.laboratory.gap_checks import first_rows
-from beltcomm.laboratory.place_checks import names_of, transmission
+from beltcomm.laboratory.place_checks import names_of
 from beltcomm.recording import Recording
 from beltcomm.recording.columns import COMMON
 
@@ -81,7 +81,6 @@ def extract_long(records: Sequence[Recording], axis: Axis, remarks: list[str]) -
     records : sequence of Recording
         Of the run.
     axis : Axis
-        Data sheets.
     remarks : list of str
         Gets further ones.
     """
@@ -117,8 +116,8 @@ def _stretches(records: Sequence[Recording], axis: Axis, remarks: list[str]) -> 
     """The stretches of these records that tell most, by record."""
     if not records:
         return {}
-    windows = windows_of(records)
-    taken = best_windows(windows, EXTRACT_ROWS)
+    windows = _windows_of(records)
+    taken = _best_windows(windows, EXTRACT_ROWS)
     found: dict[str, list[Recording]] = {}
     for number, record in enumerate(records):
         own = sorted((w for w in taken if w.record == number), key=lambda w: w.first)
@@ -128,21 +127,21 @@ def _stretches(records: Sequence[Recording], axis: Axis, remarks: list[str]) -> 
                 spans[-1][1] = window.last
             else:
                 spans.append([window.first, window.last])
-        parts = [part for first, last in spans if (part := cut_out(record, first, last, axis)) is not None]
+        parts = [part for first, last in spans if (part := _cut_out(record, first, last, axis)) is not None]
         found[record.name] = parts
     parts = [part for each in found.values() for part in each]
     if not parts:
         return {}
-    seconds, whole = (sum(float(r.t_s[-1] - r.t_s[0]) for r in some) for some in (parts, records))
+    seconds, whole = (sum(r.duration_s for r in some) for some in (parts, records))
     remarks.append(
         f"{names_of(records)}: of {whole:.0f} s, {seconds:.0f} s in {len(parts)} stretches count, those that tell most of inertia and of "
         f"friction by place, speed and time, and those that a rigid axis explains least; all of it would tell the inertia "
-        f"{certainty(windows, taken):.2g} times as exactly and take {whole / max(seconds, 1e-9):.0f} times as long"
+        f"{_certainty(windows, taken):.2g} times as exactly and take {whole / max(seconds, 1e-9):.0f} times as long"
     )
     return found
 
 
-def windows_of(records: Sequence[Recording]) -> list[Extract]:
+def _windows_of(records: Sequence[Recording]) -> list[Extract]:
     """All windows of some records, with what they tell in units that are the same for all."""
     signals = [_Signals(r) for r in records]
     every = [np.concatenate(column) for column in zip(*(s.seen() for s in signals), strict=True)]
@@ -230,7 +229,7 @@ def _window_information(
     return phi.T @ phi, known.T @ torque, float(torque @ torque), len(speed)
 
 
-def best_windows(windows: Sequence[Extract], most_rows: int) -> list[Extract]:
+def _best_windows(windows: Sequence[Extract], most_rows: int) -> list[Extract]:
     """Windows of so many rows: the oddest, in which the regression over all leaves most, at least one; then those that tell most."""
     told = np.array([w.told for w in windows])
     rows = np.array([w.rows for w in windows], dtype=np.float64)
@@ -262,17 +261,17 @@ def _regression_residual(windows: Sequence[Extract]) -> Array:
     return np.asarray(power / np.array([w.count for w in windows]))
 
 
-def certainty(windows: Sequence[Extract], taken: Sequence[Extract]) -> float:
+def _certainty(windows: Sequence[Extract], taken: Sequence[Extract]) -> float:
     """Ratio of the deviations of the inertia by the windows taken and by all windows."""
     whole, chosen = (np.linalg.pinv(np.sum([w.told for w in some], axis=0), rcond=1e-10, hermitian=True) for some in (windows, taken))
     return math.sqrt(max(float(chosen[0, 0] / whole[0, 0]), 1.0))
 
 
-def cut_out(record: Recording, first: int, last: int, axis: Axis) -> Recording | None:
+def _cut_out(record: Recording, first: int, last: int, axis: Axis) -> Recording | None:
     """Rows of a record as one of their own, at their place and time; None where nothing moves in them."""
     part = slice(first, last)
     cut: dict[str, Any] = {name: values[part] for name in _NAMES if (values := getattr(record, name)) is not None}
-    since, ratio = float(record.t_s[first] - record.t_s[0]), transmission(axis) if record.side != "load" else 1.0
+    since, ratio = float(record.t_s[first] - record.t_s[0]), axis.known_transmission_m_rad if record.side != "load" else 1.0
     start = record.sidecar.start_position_m
     moved = None if start is None or ratio is None else start + ratio * float(record.position[first] - record.position[0])
     note = replace(record.sidecar, start_position_m=moved, session_time_s=(record.sidecar.session_time_s or 0.0) + since)

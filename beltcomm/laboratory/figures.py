@@ -25,3 +25,7 @@ class PlainError:
     percent: float
     unit: str
     band_hz: float
+
+
+#: Of the fitted records and of those held out; None where there are none.
+Plain = tuple[PlainError | None, PlainError | None]

@@ -23,7 +23,6 @@ def check_whole(recordings: Sequence[Recording]) -> None:
     Parameters
     ----------
     recordings : sequence of Recording
-        Of a run.
 
     Raises
     ------
@@ -37,7 +36,7 @@ def check_whole(recordings: Sequence[Recording]) -> None:
         if note is None or not note.period_samples:
             continue
         # by time: rows that a bus lost leave gaps, they do not make a record short
-        rows = round((recording.t_s[-1] - recording.t_s[0]) / recording.sample_period_s) + 1
+        rows = round(recording.duration_s / recording.sample_period_s) + 1
         wanted = (note.first_sample or 0) + note.period_samples
         if rows < wanted:
             if "import" in recording.sidecar.extra:

@@ -57,21 +57,19 @@ def is_replaceable_gap(data: Data, grown: Fitted, effect: Effect) -> bool:
     Parameters
     ----------
     data : Data
-        The records.
     grown : Fitted
         Model with the effect, fitted.
     effect : Effect
-        The effect.
 
     Returns
     -------
     bool
         False for an effect that is no gap.
     """
-    return effect.rattles and needs_observer(grown.model) and not gap_is_supported(data, grown, effect)
+    return effect.rattles and needs_observer(grown.model) and not _gap_is_supported(data, grown, effect)
 
 
-def gap_is_supported(data: Data, grown: Fitted, gap: Effect) -> bool:
+def _gap_is_supported(data: Data, grown: Fitted, gap: Effect) -> bool:
     """True if a gap may be named beside a carriage that strays without one, by the rule for any effect.
 
     On friction that jumped, a gap that explained 56 000 nats led by 1000 of them, where both models left 3.4 times the noise.
@@ -87,17 +85,17 @@ def gap_is_supported(data: Data, grown: Fitted, gap: Effect) -> bool:
     """
     names = gap.full_names()
     shut = grown.model.with_values({names[0]: 0.0}, "closed")
-    loose = with_likeliest_stray(with_stray(data, grown.model[names[0]]), shut)
+    loose = _with_likeliest_stray(_with_stray(data, grown.model[names[0]]), shut)
     begun = fit(loose, shut, 0, fixed=names)
-    if not exceeds_threshold(grown, begun):
+    if not _exceeds_threshold(grown, begun):
         return False
     first = fit(loose, shut, ITERATIONS, fixed=names)
-    if not exceeds_threshold(grown, first) or exceeds_threshold(grown, first, CLEARLY):
-        return exceeds_threshold(grown, first)
-    return exceeds_threshold(grown, fit(with_likeliest_stray(loose, first.model), first.model, 0, fixed=names))
+    if not _exceeds_threshold(grown, first) or _exceeds_threshold(grown, first, CLEARLY):
+        return _exceeds_threshold(grown, first)
+    return _exceeds_threshold(grown, fit(_with_likeliest_stray(loose, first.model), first.model, 0, fixed=names))
 
 
-def exceeds_threshold(grown: Fitted, closed: Fitted, times: float = 1.0) -> bool:
+def _exceeds_threshold(grown: Fitted, closed: Fitted, times: float = 1.0) -> bool:
     """True if a gap explains enough beside a model of the same records without one.
 
     Parameters
@@ -105,11 +103,11 @@ def exceeds_threshold(grown: Fitted, closed: Fitted, times: float = 1.0) -> bool
     times : float
         So many times over.
     """
-    lead = lead_of(grown, closed) / times
+    lead = _lead_of(grown, closed) / times
     return enough(lead, explained_share(lead, closed), lead, 0.0, closed)
 
 
-def lead_of(grown: Fitted, closed: Fitted) -> float:
+def _lead_of(grown: Fitted, closed: Fitted) -> float:
     """By how much a gap is likelier than a carriage that strays without one, nats; below 0 it is less likely."""
     lead = drop_by(closed, grown) + log_deviations(closed.problem.pieces) - log_deviations(grown.problem.pieces)
     closed.problem.forget()
@@ -117,17 +115,17 @@ def lead_of(grown: Fitted, closed: Fitted) -> float:
     return lead
 
 
-def with_stray(data: Data, width_m: float) -> Data:
+def _with_stray(data: Data, width_m: float) -> Data:
     """The records with a carriage that has the freedom of a gap of this width, whatever the model's."""
     fitted, held_out = (tuple(replace(piece, freedom_m=width_m) for piece in pieces) for pieces in (data.fitted, data.held_out))
     return replace(data, fitted=fitted, held_out=held_out)
 
 
-def with_likeliest_stray(data: Data, model: Model) -> Data:
+def _with_likeliest_stray(data: Data, model: Model) -> Data:
     """The records with a carriage that strays as far as is likeliest."""
     best = with_process_noise(data, model)
     while best.fitted[0].process_noise == AGITATIONS[-1]:
-        wider = with_process_noise(with_stray(best, WIDER * best.fitted[0].freedom_m), model)
+        wider = with_process_noise(_with_stray(best, WIDER * best.fitted[0].freedom_m), model)
         if negative_log_likelihood(wider.fitted, model) >= negative_log_likelihood(best.fitted, model):
             break
         best = wider
@@ -150,7 +148,6 @@ def gap_with_delay(data: Data, current: Fitted, held: Fitted) -> Candidate | Non
     Parameters
     ----------
     data : Data
-        The records.
     current : Fitted
         Model that they must be better than.
     held : Fitted
@@ -163,7 +160,7 @@ def gap_with_delay(data: Data, current: Fitted, held: Fitted) -> Candidate | Non
         for delay in EFFECTS:
             if gap.rattles and delay.slot == "torque_delay" and may_add(held, gap) and may_add(held, delay):
                 goal = min((fitted.objective for _, _, fitted in fits), default=math.inf)
-                fits.append((gap, delay, both_fitted(data, held.model, gap, delay, goal)))
+                fits.append((gap, delay, _both_fitted(data, held.model, gap, delay, goal)))
     if not fits:
         return None
     gap, delay, best = min(fits, key=lambda fitted: fitted[2].objective)
@@ -179,7 +176,7 @@ def gap_with_delay(data: Data, current: Fitted, held: Fitted) -> Candidate | Non
     return Candidate(gap, drop, evidence, explained, held_out_gain, alone.fitted, True, beside=delay.name)
 
 
-def both_fitted(data: Data, model: Model, gap: Effect, delay: Effect, goal: float) -> Fitted:
+def _both_fitted(data: Data, model: Model, gap: Effect, delay: Effect, goal: float) -> Fitted:
     """A model fitted with a gap and a delay, from the width and time that suit it best as they are.
 
     Parameters
@@ -210,9 +207,8 @@ def converged_gap(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
     Parameters
     ----------
     data : Data
-        The records.
     fitted : Fitted
-        As :func:`along_gap_valley`.
+        As :func:`_along_gap_valley`.
 
     Returns
     -------
@@ -220,7 +216,7 @@ def converged_gap(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
         Those given where the model is at the noise or nothing is better.
     """
     for _ in range(CALMER):
-        further = along_gap_valley(data, fitted, VALLEY_ITERATIONS)
+        further = _along_gap_valley(data, fitted, VALLEY_ITERATIONS)
         calmer = with_process_noise(data, further.model)
         quieter = [piece.process_noise for piece in calmer.fitted] != [piece.process_noise for piece in data.fitted]
         if not quieter and (further is fitted or further.ratio <= AT_NOISE):
@@ -229,7 +225,7 @@ def converged_gap(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
     return data, fitted
 
 
-def along_gap_valley(data: Data, fitted: Fitted, iterations: int) -> Fitted:
+def _along_gap_valley(data: Data, fitted: Fitted, iterations: int) -> Fitted:
     """The fit of a model with a gap, from farther along the valley of gap and stiffness where that is likelier.
 
     Parameters
@@ -299,7 +295,6 @@ def gap_from_start(data: Data, current: Fitted, start: Model) -> Candidate | Non
     Parameters
     ----------
     data : Data
-        The records.
     current : Fitted
         Model that it must be better than.
     start : Model
@@ -314,17 +309,17 @@ def gap_from_start(data: Data, current: Fitted, start: Model) -> Candidate | Non
         or not may_add(current, gap)
     ):
         return None
-    ground = as_started(model, start)
-    ways = [with_gap(ground, gap, width, rounding) for width, rounding in itertools.product(START_GAPS_M, ROUNDINGS)]
+    ground = _as_started(model, start)
+    ways = [_with_gap(ground, gap, width, rounding) for width, rounding in itertools.product(START_GAPS_M, ROUNDINGS)]
     begun = min(ways, key=lambda way: negative_log_likelihood(data.fitted, way))
     for number in range(START_ROUNDS):
         data = with_process_noise(data, begun)
-        begun = likelier(data, begun, CLOSER**number)
+        begun = _likelier(data, begun, CLOSER**number)
     best = fit(data, begun, 0)
     return candidate(data, current, gap, drop_by(current, best), best, len(ways))
 
 
-def likelier(data: Data, model: Model, size: float) -> Model:
+def _likelier(data: Data, model: Model, size: float) -> Model:
     """The model after :data:`LOOKS` looks for a likelier one (Nelder, Mead).   size : of the first steps over :data:`STEPS`."""
     bounds = {name: model.parameters[name] for name in STEPS if name in model.parameters and model[name] > 0.0}
 
@@ -343,13 +338,13 @@ def likelier(data: Data, model: Model, size: float) -> Model:
     return model_at(found.x)
 
 
-def with_gap(model: Model, gap: Effect, width: float, rounding: float) -> Model:
+def _with_gap(model: Model, gap: Effect, width: float, rounding: float) -> Model:
     """The model with a gap of that width in metres, its contact round over that share of it."""
     width_name, rounding_name = (parameter.name for parameter in gap.parameters)
     return model.with_effect(gap.name, {width_name: width, rounding_name: rounding})
 
 
-def as_started(model: Model, start: Model) -> Model:
+def _as_started(model: Model, start: Model) -> Model:
     """The model with masses and stiffness of the start values, all of its friction shared as usual, and a torque that acts at once."""
     inertia, mass, stiffness, ratio = (start[name] for name in ("motor.inertia", "cart.mass", STIFFNESS, "transmission.ratio"))
     coulomb = model.get("coulomb.level") + ratio * model.get("cart_friction.level")

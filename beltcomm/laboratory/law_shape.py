@@ -63,9 +63,7 @@ def fit_law_shapes(data: Data, fitted: Fitted, base: Model) -> ShapedFit:
     Parameters
     ----------
     data : Data
-        The records.
     fitted : Fitted
-        Model, fitted to the records.
     base : Model
         Model without the added effects.
     """
@@ -79,19 +77,19 @@ def fit_law_shapes(data: Data, fitted: Fitted, base: Model) -> ShapedFit:
         if smaller is not None and formable:
             names = [name for e in formable for name in fixed_forms(smaller, e)]
             trial = fit(data, reduce(Model.with_forms, [e.name for e in formable], smaller), ITERATIONS, offsets=fitted.offsets)
-            if drop_by(trial, fitted) < TO_BE_NAMED and not is_contradicted(fitted, trial):
+            if drop_by(trial, fitted) < TO_BE_NAMED and not _is_contradicted(fitted, trial):
                 fitted = trial
                 new += names
                 removed.append(effect.name)
     for effect in additions(fitted.model, base):
         for one in ("", *effect.completed_by):
-            if one and rubs_like(effect, one):
-                on_body = split_between_bodies(data, fitted, effect, one, EVIDENCE)
+            if one and _rubs_like(effect, one):
+                on_body = _split_between_bodies(data, fitted, effect, one, EVIDENCE)
                 new += [name for name in on_body.model.effects if name not in fitted.model.effects]
                 fitted = on_body
-            elif found := variant(fitted.model, effect, one):
+            elif found := _variant(fitted.model, effect, one):
                 trial = fit(data, found[1], ITERATIONS, offsets=fitted.offsets)
-                if is_worth_its_parameters(fitted, trial):
+                if _is_worth_its_parameters(fitted, trial):
                     fitted = trial
                     new += found[0]
     return ShapedFit(fitted, tuple(new), tuple(removed))
@@ -105,11 +103,9 @@ def assign_body(data: Data, fitted: Fitted, effect: Effect) -> ShapedFit:
     Parameters
     ----------
     data : Data
-        The records.
     fitted : Fitted
         With the effect, named at the motor.
     effect : Effect
-        The effect.
 
     Returns
     -------
@@ -118,59 +114,54 @@ def assign_body(data: Data, fitted: Fitted, effect: Effect) -> ShapedFit:
     """
     before = fitted
     for one in effect.completed_by if not needs_observer(fitted.model) else ():
-        if rubs_like(effect, one):
-            fitted = split_between_bodies(data, fitted, effect, one, TO_BE_NAMED)
+        if _rubs_like(effect, one):
+            fitted = _split_between_bodies(data, fitted, effect, one, TO_BE_NAMED)
     return ShapedFit(fitted, tuple(name for name in fitted.model.effects if name not in before.model.effects))
 
 
-def split_between_bodies(data: Data, fitted: Fitted, effect: Effect, one: str, evidence: float) -> Fitted:
+def _split_between_bodies(data: Data, fitted: Fitted, effect: Effect, one: str, evidence: float) -> Fitted:
     """The model with a law's friction where it acts: at the motor, at the carriage, or at both.
 
     Both parts are nearly the same to a motor that feels them together.  A fit that begins at the motor may stay there, and a part that is
     none takes from the other what it likes: a tight spot of 14 N at the carriage was 11.6 ± 0.7 N beside one at the motor.
-
-    Parameters
-    ----------
-    evidence : float
-        For its part at the carriage.
     """
-    behind = at_carriage(fitted.model, effect, one)
+    behind = _at_carriage(fitted.model, effect, one)
     if behind is None:
         return fitted
     if one not in fitted.model.effects:
         begun, choice = fitted, math.log(fitted.problem.samples)  # no number more, but a body of its own
-        if promise_at_carriage(begun, effect, one) < PROMISED * (evidence + choice):
+        if _promise_at_carriage(begun, effect, one) < PROMISED * (evidence + choice):
             return begun
         trial = fit(data, behind, ITERATIONS, offsets=begun.offsets)
-        fitted = trial if is_worth_its_parameters(begun, trial, evidence + choice) else begun
-        if found := variant(begun.model, effect, one):
+        fitted = trial if _is_worth_its_parameters(begun, trial, evidence + choice) else begun
+        if found := _variant(begun.model, effect, one):
             trial = fit(data, found[1], ITERATIONS, offsets=begun.offsets)
-            fitted = trial if is_worth_its_parameters(fitted, trial, evidence) else fitted
+            fitted = trial if _is_worth_its_parameters(fitted, trial, evidence) else fitted
         if fitted is begun:
             return begun
-    if not acts_at_carriage_only(fitted.model, effect):
-        return smaller(data, fitted, effect, one)
-    both = fit(data, release(fitted.model, effect), ITERATIONS, offsets=fitted.offsets)
-    return smaller(data, both, effect, one) if is_worth_its_parameters(fitted, both, TO_BE_NAMED) else fitted
+    if not _acts_at_carriage_only(fitted.model, effect):
+        return _smaller(data, fitted, effect, one)
+    both = fit(data, _release(fitted.model, effect), ITERATIONS, offsets=fitted.offsets)
+    return _smaller(data, both, effect, one) if _is_worth_its_parameters(fitted, both, TO_BE_NAMED) else fitted
 
 
-def promise_at_carriage(fitted: Fitted, effect: Effect, one: str) -> float:
+def _promise_at_carriage(fitted: Fitted, effect: Effect, one: str) -> float:
     """By how much O falls to first order with a part of a law, or with all of it, at the carriage, nats.
 
     Where the law is the motor's, it says so in a hundredth of the time that fits would take.
     """
-    behind = at_carriage(fitted.model, effect, one)
+    behind = _at_carriage(fitted.model, effect, one)
     if behind is None:
         return 0.0
     nearby, part = fitted.local_quadratic, effect_named(one).full_names()[0]
-    found = [nearby.best(residual_change(fitted, behind)).objective]
+    found = [nearby.best(_residual_change(fitted, behind)).objective]
     for share in PARTS:
         beside = fitted.model.with_effect(one, {part: share * behind[part]})
-        found.append(nearby.best(columns=residual_change(fitted, beside)[:, None]).objective)
+        found.append(nearby.best(columns=_residual_change(fitted, beside)[:, None]).objective)
     return nearby.objective - min(found)
 
 
-def residual_change(fitted: Fitted, model: Model) -> np.ndarray:
+def _residual_change(fitted: Fitted, model: Model) -> np.ndarray:
     """Change of the whitened residual by another model of the same records, nothing fitted again, (n,)."""
     vector, offsets = model.vector(), OFFSET_M * fitted.offsets
     pieces = zip(fitted.problem.pieces, offsets, strict=True)
@@ -179,30 +170,30 @@ def residual_change(fitted: Fitted, model: Model) -> np.ndarray:
     )
 
 
-def smaller(data: Data, both: Fitted, effect: Effect, one: str) -> Fitted:
+def _smaller(data: Data, both: Fitted, effect: Effect, one: str) -> Fitted:
     """The model with a law at the carriage alone, unless its part at the motor has the evidence of an effect of its own.
 
     With less it stands for the law's form, or for the roughness that sticking gives the objective: 61 and 28 nats on machines without it.
     """
-    behind = at_carriage(both.model, effect, one)
+    behind = _at_carriage(both.model, effect, one)
     if behind is None:
         return both
     alone = fit(data, behind, ITERATIONS, offsets=both.offsets)
-    return both if is_worth_its_parameters(alone, both, TO_BE_NAMED) or impossible(alone.model) else alone
+    return both if _is_worth_its_parameters(alone, both, TO_BE_NAMED) or impossible(alone.model) else alone
 
 
-def rubs_like(effect: Effect, one: str) -> bool:
+def _rubs_like(effect: Effect, one: str) -> bool:
     """True if what completes an effect is the same law at the carriage."""
     return effect_named(one).slot == effect.slot
 
 
-def acts_at_carriage_only(model: Model, effect: Effect) -> bool:
+def _acts_at_carriage_only(model: Model, effect: Effect) -> bool:
     """True if all of a law acts at the carriage."""
     size = model.parameters[effect.full_names()[0]]
     return size.low == size.high == 0.0
 
 
-def at_carriage(model: Model, effect: Effect, one: str) -> Model | None:
+def _at_carriage(model: Model, effect: Effect, one: str) -> Model | None:
     """The model with a law at the carriage alone; None where there is no carriage behind a belt."""
     size, part = effect.full_names()[0], effect_named(one).full_names()[0]
     try:
@@ -218,7 +209,7 @@ def at_carriage(model: Model, effect: Effect, one: str) -> Model | None:
     return replace(grown, parameters={**grown.parameters, size: none, part: all_of_it})
 
 
-def release(model: Model, effect: Effect) -> Model:
+def _release(model: Model, effect: Effect) -> Model:
     """The model with the motor's part of a law to be fitted again."""
     size = effect.full_names()[0]
     usual = model.parameters_of(effect)[size]
@@ -262,9 +253,7 @@ def fixed_forms(model: Model, effect: Effect) -> list[str]:
     Parameters
     ----------
     model : Model
-        Of the axis.
     effect : Effect
-        The effect.
 
     Returns
     -------
@@ -275,7 +264,7 @@ def fixed_forms(model: Model, effect: Effect) -> list[str]:
     return [name for name in forms if model.parameters[name].low == model.parameters[name].high]
 
 
-def variant(model: Model, effect: Effect, one: str) -> tuple[list[str], Model] | None:
+def _variant(model: Model, effect: Effect, one: str) -> tuple[list[str], Model] | None:
     """The names of what is new, and the model with it: the forms of an effect's law free for "", or an effect that completes it.
 
     None where there is nothing new, or no body for it.
@@ -288,13 +277,13 @@ def variant(model: Model, effect: Effect, one: str) -> tuple[list[str], Model] |
         return None
 
 
-def is_worth_its_parameters(before: Fitted, after: Fitted, evidence: float = EVIDENCE) -> bool:
+def _is_worth_its_parameters(before: Fitted, after: Fitted, evidence: float = EVIDENCE) -> bool:
     """True if a form explains so much more than what it costs, and as an axis can be."""
     price = (len(after.problem.free) - len(before.problem.free)) * math.log(before.problem.samples)
-    return drop_by(before, after) - price > evidence and not is_contradicted(before, after)
+    return drop_by(before, after) - price > evidence and not _is_contradicted(before, after)
 
 
-def is_contradicted(before: Fitted, after: Fitted) -> bool:
+def _is_contradicted(before: Fitted, after: Fitted) -> bool:
     """True if the held-out records or its own values speak against a form."""
     against = is_refuted(drop_by(before, after), before.held_out_objective - after.held_out_objective)
     new = [e for e in after.model.effect_list() if e.name not in before.model.effects]

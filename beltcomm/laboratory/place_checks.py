@@ -30,17 +30,6 @@ def names_of(records: Iterable[Recording]) -> str:
     return ", ".join(names) if len(names) <= 4 else f"{', '.join(names[:3])} and {len(names) - 3} more"
 
 
-def transmission(axis: Axis) -> float | None:
-    """Carriage travel per radian of the motor, m/rad; None where no radius is known.
-
-    Parameters
-    ----------
-    axis : Axis
-        Of any kind.
-    """
-    return axis.transmission_m_rad if axis.get("pulley.effective_radius_m") is not None else None
-
-
 @dataclass(frozen=True)
 class PositionLine:
     """Start position over angle.
@@ -64,7 +53,7 @@ class PositionLine:
         return np.abs(self.far) <= PLACE_M
 
 
-def line_through(angle: Array, place: Array, slope: float | None = None) -> PositionLine:
+def _line_through(angle: Array, place: Array, slope: float | None = None) -> PositionLine:
     """The line that most records agree with: through pairs of them, or with a known slope."""
     if slope is not None:
         zeros = place - slope * angle
@@ -88,7 +77,6 @@ def checked_positions(timed: Sequence[Recording], axis: Axis, remarks: list[str]
     timed : sequence of Recording
         Records over time.
     axis : Axis
-        Data sheets.
     remarks : list of str
         Gets further ones.
 
@@ -102,25 +90,21 @@ def checked_positions(timed: Sequence[Recording], axis: Axis, remarks: list[str]
     DataError
         For a start position that contradicts the others, or a wrong radius.
     """
-    ratio = transmission(axis)
+    ratio = axis.known_transmission_m_rad
     known = [r for r in timed if r.sidecar.start_position_m is not None]
     if ratio is None or timed[0].side != "motor":
         return list(timed)
     unknown = [r for r in timed if r.sidecar.start_position_m is None]
     angle = np.array([r.position[0] for r in known])
     place = np.array([float(r.sidecar.start_position_m or 0.0) for r in known])
-    if len(known) < 3 or np.ptp(angle) * ratio < 10.0 * PLACE_M:
-        if unknown:
-            remarks.append(_unplaced_words(unknown))
-        return list(timed)
-    line = line_through(angle, place, ratio)
-    if line.agree.mean() < MAJORITY:
-        other = line_through(angle, place)
-        if other.agree.sum() >= max(3, MAJORITY * len(known)) and np.ptp(place[other.agree]) > 10.0 * PLACE_M:
+    line = _line_through(angle, place, ratio) if len(known) >= 3 and np.ptp(angle) * ratio >= 10.0 * PLACE_M else None
+    if line is None or line.agree.mean() < MAJORITY:
+        other = _line_through(angle, place) if line is not None else None
+        if other is not None and other.agree.sum() >= max(3, MAJORITY * len(known)) and np.ptp(place[other.agree]) > 10.0 * PLACE_M:
             raise _radius_fault(axis, ratio, other.slope, int(other.agree.sum()))
         if unknown:
             remarks.append(_unplaced_words(unknown))
-        return list(timed)  # the angle began anew now and then: nothing to compare
+        return list(timed)  # too few, or the angle began anew now and then: nothing to compare
     wrong = [(r, float(far)) for r, far, good in zip(known, line.far, line.agree, strict=True) if not good]
     if wrong:
         record, far = max(wrong, key=lambda one: abs(one[1]))
@@ -173,9 +157,8 @@ def sensor_remarks(timed: Sequence[Recording], axis: Axis) -> list[str]:
     timed : sequence of Recording
         Records over time.
     axis : Axis
-        Data sheets.
     """
-    ratio = transmission(axis)
+    ratio = axis.known_transmission_m_rad
     remarks: list[str] = []
     if ratio is None:
         return remarks

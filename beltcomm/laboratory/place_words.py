@@ -22,22 +22,22 @@ def in_words(place: ErrorRegion, landmarks: Mapping[str, float] | None = None) -
         Frequencies with a name, Hz, such as the antiresonance.
     """
     if place.dimension == "angle":
-        swing = amount(place.swing, place.units)
+        swing = _amount(place.swing, place.units)
         return (
             f"{place.low:.0f} times per turn of the motor: the {place.units.word} swings by {swing} with the angle; "
             f"without it {place.elsewhere:.2f} in place of {place.ratio:.2f} times the noise"
         )
     if place.dimension == "direction":
-        means = torque_words(place) or f"no {place.units.word} is missing on average"
+        means = _torque_words(place) or f"no {place.units.word} is missing on average"
         return f"{means}; without that {place.elsewhere:.2f} in place of {place.ratio:.2f} times the noise"
-    torque = torque_words(place)
+    torque = _torque_words(place)
     rest = "" if place.elsewhere >= place.ratio else f", elsewhere {place.elsewhere:.2f}"
     record = f", most of it in {place.record}" if place.record else ""
-    where = span_words(place) + also_words(place) + landmark_words(place, landmarks or {})
+    where = _span_words(place) + _also_words(place) + _landmark_words(place, landmarks or {})
     return f"{where}: {place.ratio:.2f} times the noise{rest}{'; ' if torque else ''}{torque}{record}"
 
 
-def span_words(place: ErrorRegion) -> str:
+def _span_words(place: ErrorRegion) -> str:
     """The range."""
     low, high = place.low, place.high
     if place.dimension == "speed":
@@ -54,12 +54,12 @@ def span_words(place: ErrorRegion) -> str:
     }[place.dimension]
 
 
-def also_words(place: ErrorRegion) -> str:
+def _also_words(place: ErrorRegion) -> str:
     """Other ranges nearly as bad."""
     return "".join(f", also {low:.3g} to {high:.3g} {place.unit}" for low, high in place.also)
 
 
-def landmark_words(place: ErrorRegion, landmarks: Mapping[str, float]) -> str:
+def _landmark_words(place: ErrorRegion, landmarks: Mapping[str, float]) -> str:
     """Known frequencies within a band, in words."""
     if place.dimension != "frequency":
         return ""
@@ -67,7 +67,7 @@ def landmark_words(place: ErrorRegion, landmarks: Mapping[str, float]) -> str:
     return f" ({', '.join(inside)})" if inside else ""
 
 
-def torque_words(place: ErrorRegion) -> str:
+def _torque_words(place: ErrorRegion) -> str:
     """Average difference of the measured torque (force, current), in words; "" where there is none."""
     forward, backward, units = place.forward, place.backward, place.units
     by_load = place.dimension == "amplitude"
@@ -79,10 +79,10 @@ def torque_words(place: ErrorRegion) -> str:
     if forward is None or backward is None:
         value, where, sign = (forward, plus, 1.0) if forward is not None else (backward, minus, -1.0)
         assert value is not None
-        return f"{where}: {measured} {amount(value, units)} {more(sign * value)}" if units.factor * abs(value) > LEAST_SMALL else ""
+        return f"{where}: {measured} {_amount(value, units)} {_more(sign * value)}" if units.factor * abs(value) > LEAST_SMALL else ""
     along, across = 0.5 * (forward - backward), 0.5 * (forward + backward)
     side = "positive" if across > 0.0 else "negative"
-    friction, offset = f"{amount(along, units)} {more(along)}", f"{amount(across, units)} to the {side} side"
+    friction, offset = f"{_amount(along, units)} {_more(along)}", f"{_amount(across, units)} to the {side} side"
     if units.factor * max(abs(along), abs(across)) < LEAST_SMALL:
         return ""
     if abs(across) < ALIKE * abs(along):
@@ -91,15 +91,15 @@ def torque_words(place: ErrorRegion) -> str:
         return f"{both}: {measured} {offset}"
     if forward * backward > 0.0:  # the same side both ways, by different amounts
         return f"{both}: {measured} {offset}, beside {friction} {'by its own sign' if by_load else 'along the motion'}"
-    return f"{plus} {measured} {amount(forward, units)} {more(forward)}, {minus} {amount(backward, units)} {more(-backward)}"
+    return f"{plus} {measured} {_amount(forward, units)} {_more(forward)}, {minus} {_amount(backward, units)} {_more(-backward)}"
 
 
-def more(value: float) -> str:
+def _more(value: float) -> str:
     """Higher or lower than the model's, in the direction of motion."""
     return "higher" if value > 0.0 else "lower"
 
 
-def amount(value: float, units: Units) -> str:
+def _amount(value: float, units: Units) -> str:
     """A torque, force or current without its sign."""
     small = units.factor * abs(value)
     return f"{small:.2g} {units.small}" if small < 99.5 else f"{abs(value):.2g} {units.force}"

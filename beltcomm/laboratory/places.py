@@ -65,7 +65,6 @@ class ErrorRegion:
     swing : float
         Amplitude of a ripple.
     units : Units
-        Of the axis.
     weight : float
         Sum of its squares above the noise over all samples, what it adds to the square of the overall ratio.
     also : tuple of tuple of float
@@ -120,7 +119,7 @@ def worst_places(judged: Sequence[Judged]) -> list[ErrorRegion]:
     found = []
     for dimension, (values, edges, unit) in dimensions(samples).items():
         bins = bins_of(dimension, values, edges, unit, squares)
-        spans = bad_spans(bins.ratio, bins.count)
+        spans = _bad_spans(bins.ratio, bins.count)
         if not spans:
             continue
         number = bin_numbers(values, edges)
@@ -128,26 +127,26 @@ def worst_places(judged: Sequence[Judged]) -> list[ErrorRegion]:
         bad = np.any(inside, axis=0)
         if bad.mean() > MOST:
             continue
-        place = place_of(dimension, edges[spans[0][0]], edges[spans[0][1]], unit, inside[0], ~bad, samples)
+        place = _place_of(dimension, edges[spans[0][0]], edges[spans[0][1]], unit, inside[0], ~bad, samples)
         found.append(replace(place, also=tuple((float(edges[first]), float(edges[last])) for first, last in spans[1 : 1 + ALSO])))
-    found += [p for p in (worst_band(judged), by_direction(samples), by_angle(judged, samples)) if p is not None]
+    found += [p for p in (_worst_band(judged), _by_direction(samples), _by_angle(judged, samples)) if p is not None]
     return sorted(found, key=lambda p: -p.rank)
 
 
-def bad_spans(ratio: Array, count: Array) -> list[tuple[int, int]]:
+def _bad_spans(ratio: Array, count: Array) -> list[tuple[int, int]]:
     """First and last edges of the worst place and of others nearly as bad, apart from it; the worst first."""
     left, spans = ratio.copy(), list[tuple[int, int]]()
-    span = worst_span(left, count)
+    span = _worst_span(left, count)
     excess = np.nan_to_num(ratio, nan=1.0) ** 2 - 1.0
     least = AS_BAD * float(np.max(excess))
     while span is not None and (not spans or float(np.max(excess[span[0] : span[1]])) > least):
         spans.append(span)
         left[span[0] : span[1]] = np.nan
-        span = worst_span(left, count)
+        span = _worst_span(left, count)
     return spans
 
 
-def worst_span(ratio: Array, count: Array) -> tuple[int, int] | None:
+def _worst_span(ratio: Array, count: Array) -> tuple[int, int] | None:
     """First and last edge of the worst bin with its neighbours that are nearly as bad; None where no bin is clearly above the noise."""
     excess = np.nan_to_num(ratio, nan=1.0) ** 2 - 1.0
     clear = excess > DEVIATIONS * np.sqrt(2.0 / np.maximum(count, 1.0))
@@ -162,7 +161,7 @@ def worst_span(ratio: Array, count: Array) -> tuple[int, int] | None:
     return first, last + 1
 
 
-def place_of(dimension: str, low: float, high: float, unit: str, inside: BoolArray, outside: BoolArray, samples: Samples) -> ErrorRegion:
+def _place_of(dimension: str, low: float, high: float, unit: str, inside: BoolArray, outside: BoolArray, samples: Samples) -> ErrorRegion:
     """The samples of a range as a place.
 
     Parameters
@@ -193,7 +192,7 @@ def place_of(dimension: str, low: float, high: float, unit: str, inside: BoolArr
         unit,
         float(np.sqrt(here)),
         elsewhere,
-        float(np.sum(squares[inside] - 1.0)) / above_noise(squares),
+        float(np.sum(squares[inside] - 1.0)) / _above_noise(squares),
         means[0],
         means[1],
         samples.names[most] if named else "",
@@ -203,14 +202,14 @@ def place_of(dimension: str, low: float, high: float, unit: str, inside: BoolArr
     )
 
 
-def by_direction(samples: Samples) -> ErrorRegion | None:
+def _by_direction(samples: Samples) -> ErrorRegion | None:
     """Torque that is missing on average, by direction.   elsewhere : what is left of the ratio without it."""
     squares = samples.white**2
     left = samples.white.copy()
     for half in (samples.speed > 0.0, samples.speed < 0.0):
         if half.sum() >= FEWEST:
             left[half] -= np.mean(left[half])
-    place = place_of("direction", -1.0, 1.0, "", np.ones(len(squares), dtype=bool), np.zeros(len(squares), dtype=bool), samples)
+    place = _place_of("direction", -1.0, 1.0, "", np.ones(len(squares), dtype=bool), np.zeros(len(squares), dtype=bool), samples)
     forward, backward = samples.speed > 0.0, samples.speed < 0.0
     if min(forward.sum(), backward.sum()) < FEWEST:
         return None
@@ -220,7 +219,7 @@ def by_direction(samples: Samples) -> ErrorRegion | None:
     return replace(place, elsewhere=without, share=1.0, forward=means[0], backward=means[1], weight=weight)
 
 
-def by_angle(judged: Sequence[Judged], samples: Samples) -> ErrorRegion | None:
+def _by_angle(judged: Sequence[Judged], samples: Samples) -> ErrorRegion | None:
     """The torque that repeats with the angle of the motor.   elsewhere : what is left of the ratio without it."""
     angle = np.concatenate([motor_angle(j) for j in judged])
     if (
@@ -248,7 +247,7 @@ def by_angle(judged: Sequence[Judged], samples: Samples) -> ErrorRegion | None:
         left.append(item.white + item.piece.white(ripple))
     rest = np.concatenate(left)
     overall, without = float(np.sqrt(np.mean(samples.white**2))), float(np.sqrt(np.mean(rest**2)))
-    share = (overall**2 - without**2) * len(rest) / above_noise(samples.white**2)
+    share = (overall**2 - without**2) * len(rest) / _above_noise(samples.white**2)
     return ErrorRegion(
         "angle",
         order,
@@ -264,12 +263,12 @@ def by_angle(judged: Sequence[Judged], samples: Samples) -> ErrorRegion | None:
     )
 
 
-def worst_band(judged: Sequence[Judged]) -> ErrorRegion | None:
+def _worst_band(judged: Sequence[Judged]) -> ErrorRegion | None:
     """The worst band of frequency over all records."""
     table = bands(judged)
     power, weight = np.nansum(table.power * table.weight, axis=0), np.sum(table.weight, axis=0)
     mean = power / np.maximum(weight, 1e-9)
-    span = worst_span(np.sqrt(mean), 2.0 * weight * BAND_HZ * table.sample_s)
+    span = _worst_span(np.sqrt(mean), 2.0 * weight * BAND_HZ * table.sample_s)
     if span is None:
         return None
     inside = np.zeros(len(mean), dtype=bool)
@@ -294,6 +293,6 @@ def worst_band(judged: Sequence[Judged]) -> ErrorRegion | None:
     )
 
 
-def above_noise(squares: Array) -> float:
+def _above_noise(squares: Array) -> float:
     """Sum of all squares above the noise; no less than noise alone scatters by, √(2n), or shares of nothing would be told."""
     return max(float(np.sum(squares - 1.0)), math.sqrt(2.0 * max(len(squares), 1)))

@@ -39,13 +39,13 @@ def refine_best(scorer: Scorer, ways: Sequence[Scored], number: int) -> Scored:
     number : int
         That are searched.
     """
-    names = searched_names(scorer, ways[0])
+    names = _searched_names(scorer, ways[0])
     if not names:
         return ways[0]
-    return max((refine_way(scorer, way, names, [w.trial.values for w in ways]) for way in ways[:number]), key=lambda w: w.drop)
+    return max((_refine_way(scorer, way, names, [w.trial.values for w in ways]) for way in ways[:number]), key=lambda w: w.drop)
 
 
-def searched_names(scorer: Scorer, way: Scored) -> list[str]:
+def _searched_names(scorer: Scorer, way: Scored) -> list[str]:
     """Names of what is searched, bare, or full ones of the base model: values of the trial that are fitted and no amplitudes."""
     effect = way.effect
     if effect.needs_observer:
@@ -58,13 +58,13 @@ def searched_names(scorer: Scorer, way: Scored) -> list[str]:
     return names
 
 
-def refine_way(scorer: Scorer, way: Scored, names: Sequence[str], trials: Sequence[Mapping[str, float]]) -> Scored:
+def _refine_way(scorer: Scorer, way: Scored, names: Sequence[str], trials: Sequence[Mapping[str, float]]) -> Scored:
     """One way with the named values searched."""
     effect = way.effect
-    limits = {name: limit_of(scorer.model, effect, name) for name in names}
+    limits = {name: _limit_of(scorer.model, effect, name) for name in names}
     extended = scorer.model_with(effect, way.values, way.trial)
-    start = np.array([extended[full_name(scorer.model, effect, name)] for name in names])
-    scale = np.array([first_step(name, value, trials) for name, value in zip(names, start, strict=True)])
+    start = np.array([extended[_full_name(scorer.model, effect, name)] for name in names])
+    scale = np.array([_first_step(name, value, trials) for name, value in zip(names, start, strict=True)])
     low, high = ((np.array([limits[name][i] for name in names]) - start) / scale for i in (0, 1))
     best = way
 
@@ -90,21 +90,21 @@ def refine_way(scorer: Scorer, way: Scored, names: Sequence[str], trials: Sequen
     return best
 
 
-def full_name(model: Model, effect: Effect, name: str) -> str:
+def _full_name(model: Model, effect: Effect, name: str) -> str:
     """Name in the model's list of parameters."""
     own = f"{effect.name}.{name}"
     return own if own in model.with_effect(effect.name).parameters else name
 
 
-def limit_of(model: Model, effect: Effect, name: str) -> tuple[float, float]:
+def _limit_of(model: Model, effect: Effect, name: str) -> tuple[float, float]:
     """Bounds of a searched value; a parameter of the base model stays within a factor of three."""
     if name in BELT:
         return model[name] / 1.5, 3.0 * model[name]
-    limit = model.with_effect(effect.name).parameters[full_name(model, effect, name)]
+    limit = model.with_effect(effect.name).parameters[_full_name(model, effect, name)]
     return limit.low, limit.high
 
 
-def first_step(name: str, value: float, trials: Sequence[Mapping[str, float]]) -> float:
+def _first_step(name: str, value: float, trials: Sequence[Mapping[str, float]]) -> float:
     """First step of a value: half the way to the next trial, at most a share of itself."""
     share = FIRST_STEP * abs(value)
     others = sorted(abs(trial[name] - value) for trial in trials if name in trial and abs(trial[name] - value) > 1e-9 * abs(value))

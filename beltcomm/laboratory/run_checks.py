@@ -74,9 +74,7 @@ def check_run(recordings: Sequence[Recording], axis: Axis, *, foreign: bool) -> 
     Parameters
     ----------
     recordings : sequence of Recording
-        Of a run.
     axis : Axis
-        As its file states it.
     foreign : bool
         Not made by a drive of the tool's own.
 
@@ -115,18 +113,14 @@ def _check_each(timed: Sequence[Recording], axis: Axis) -> None:
             raise
 
 
-def _duration(record: Recording) -> float:
-    return float(record.t_s[-1] - record.t_s[0])
-
-
 def _refuse_short(timed: Sequence[Recording], axis: Axis) -> None:
     to_fit = [r for r in timed if not r.sidecar.held_out]
     if not to_fit:
         raise DataError("all recordings are held out or static maps; nothing is left to fit: set held_out: false in the sidecar of one")
-    longest = max(to_fit, key=_duration)
-    if _duration(longest) < SHORTEST_S:
+    longest = max(to_fit, key=lambda record: record.duration_s)
+    if longest.duration_s < SHORTEST_S:
         raise DataError(
-            f"the records are too short: the longest that may be fitted, {longest.name}, lasts {_duration(longest):.2g} s, at least "
+            f"the records are too short: the longest that may be fitted, {longest.name}, lasts {longest.duration_s:.2g} s, at least "
             f"{SHORTEST_S:g} s of motion are needed (a stroke or an excitation of several seconds tells more); record longer"
         )
     if longest.side == "motor" and axis.get("pulley.effective_radius_m") is not None:
@@ -314,8 +308,8 @@ def _refuse_two_axes(timed: Sequence[Recording], axis: Axis) -> None:
     # A reading that is filtered or late shows the friction of a short stroke late, which poses as a negative inertia; but it brakes on.
     _refuse_negative([r for r, found in told if found.inertia < -NEGATIVE * found.error and found.dissipated <= 0.0 and own])
     _refuse_light(own, axis)
-    for load in dict.fromkeys(load_key(r.sidecar) for r, _, _ in own):
-        _refuse_apart([one for one in own if load_key(one[0].sidecar) == load])
+    for load in dict.fromkeys(_load_key(r.sidecar) for r, _, _ in own):
+        _refuse_apart([one for one in own if _load_key(one[0].sidecar) == load])
     if timed[0].side == "motor":
         _refuse_two_encoders(timed)
 
@@ -332,19 +326,21 @@ def _refuse_apart(own: Sequence[tuple[Recording, float, float]]) -> None:
         kept = int(np.argmin(np.where(far.any(axis=1), far.sum(axis=1), len(own))))
         _, first, error = own[kept]
         like = [r for (r, _, _), other in zip(own, far[kept], strict=True) if not other]
-        unlike = [one for one, other in zip(own, far[kept], strict=True) if other]
-        unit = own[0][0].inertia_unit
+        unit, others, rest = own[0][0].inertia_unit, list[str](), np.flatnonzero(far[kept])
+        while len(rest):
+            (_, value, width), alike = own[rest[0]], ~far[rest[0], rest]
+            others.append(f"{names_of(own[n][0] for n in rest[alike])} {value:.3g} ± {2.0 * width:.1g} {unit}")
+            rest = rest[~alike]
         raise DataError(
             f"the records are not of one axis, or not with one payload: {names_of(like)} show an inertia of {first:.3g} ± "
-            f"{2.0 * error:.1g} {unit} in all, {names_of(r for r, _, _ in unlike)} {unlike[0][1]:.3g} ± "
-            f"{2.0 * unlike[0][2]:.1g} {unit} "
+            f"{2.0 * error:.1g} {unit} in all, {', '.join(others)} "
             f"(allowed: {100.0 * INERTIA:.0f} % apart). If another load was mounted, say so in their sidecars: payload_kg (or "
             "payload_inertia_kg_m2) where it is known, else `load: NAME`, and the fit finds it (import: --payload, --load). Keep those of "
             "another axis in a run of their own; if nothing was changed, a column of one of them is in another unit"
         )
 
 
-def load_key(sidecar: Sidecar) -> tuple[object, ...]:
+def _load_key(sidecar: Sidecar) -> tuple[object, ...]:
     """Key of the records that carry the same load, as far as they say."""
     return sidecar.load, sidecar.payload_kg, sidecar.payload_inertia_kg_m2
 

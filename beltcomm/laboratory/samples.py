@@ -19,6 +19,7 @@ from scipy.ndimage import gaussian_filter1d
 from beltcomm.arrays import Array, IntArray
 from beltcomm.fit.residual.segment import Segment
 from beltcomm.model import Model
+from beltcomm.quantities import read_in
 
 #: Edges of the speed bins, of a carriage and of a motor alone; m, s and Hz, widths of the others; most bins of position; shares of the
 #: largest torque, edges.
@@ -54,7 +55,7 @@ class Units:
     @property
     def small(self) -> str:
         """Unit of what is left over."""
-        return {"N m": "mN m", "N": "N", "A": "mA", "V": "mV"}[self.force]
+        return {"N": "N", "A": "mA", "V": "mV"}.get(self.force) or read_in(self.force)[1]
 
     @property
     def factor(self) -> float:
@@ -196,7 +197,7 @@ def dimensions(samples: Samples) -> dict[str, tuple[Array, Array, str]]:
         "speed": (np.abs(samples.speed), samples.units.speeds, f"{samples.units.length}/s"),
         "position": (samples.position, position_edges(samples), samples.units.length),
         "amplitude": (np.abs(samples.load), largest * np.array(TORQUE_SHARES), samples.units.force),
-        "time": (samples.time, grid(samples.time, TIME_S), "s"),
+        "time": (samples.time, _grid(samples.time, TIME_S), "s"),
     }
 
 
@@ -213,7 +214,7 @@ def position_edges(samples: Samples) -> Array:
     ndarray
         In the unit of ``samples.position``.
     """
-    return grid(samples.position, max(PLACE_M, float(np.ptp(samples.position)) / MOST_PLACES))
+    return _grid(samples.position, max(PLACE_M, float(np.ptp(samples.position)) / MOST_PLACES))
 
 
 def bin_numbers(values: Array, edges: Array) -> NDArray[np.intp]:
@@ -336,7 +337,7 @@ def motor_angle(item: Judged) -> Array:
     return np.asarray(item.piece.motion.theta[:: item.piece.motion.substeps][item.piece.value_samples])
 
 
-def grid(values: Array, width: float) -> Array:
+def _grid(values: Array, width: float) -> Array:
     """Edges of equal bins over all values."""
     low = np.floor(values.min() / width) * width
     return np.asarray(np.arange(low, values.max() + 2.0 * width, width))
@@ -358,19 +359,19 @@ def structure(judged: Sequence[Judged]) -> dict[str, float]:
     judged : sequence of Judged
         Segments with their whitened residuals.
     """
-    samples = replace(gather_samples(judged), speed=np.concatenate([steady_speed(item) for item in judged]))
+    samples = replace(gather_samples(judged), speed=np.concatenate([_steady_speed(item) for item in judged]))
     white = np.clip(samples.white, -OUTLIER, OUTLIER)
-    return {name: excess(white, number) for name, number in partitions(samples).items()}
+    return {name: _excess(white, number) for name, number in _partitions(samples).items()}
 
 
-def steady_speed(item: Judged) -> Array:
+def _steady_speed(item: Judged) -> Array:
     """Speed at the kept samples, length per second, smooth: by its own noise a stroke would be sorted into samples above and below."""
     motion = item.piece.motion
     smooth = gaussian_filter1d(motion.omega[:: motion.substeps], STEADY_S / motion.sample_s, mode="nearest")
     return np.asarray(smooth[item.piece.value_samples] * item.ratio_m_rad)
 
 
-def partitions(samples: Samples) -> dict[str, IntArray]:
+def _partitions(samples: Samples) -> dict[str, IntArray]:
     """Number of the bin of every value."""
     forward = samples.speed > 0.0
     speed = np.floor(np.log(np.maximum(np.abs(samples.speed), 1e-6)) / np.log(SPEED_FACTOR)).astype(np.int64)
@@ -379,7 +380,7 @@ def partitions(samples: Samples) -> dict[str, IntArray]:
     return {name: 2 * number + forward for name, number in signed.items()}
 
 
-def excess(white: Array, number: IntArray) -> float:
+def _excess(white: Array, number: IntArray) -> float:
     """(Σ n mean² - bins)/√(2 bins)."""
     _, bins = np.unique(number, return_inverse=True)
     count = np.bincount(bins)

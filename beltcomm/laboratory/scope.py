@@ -14,6 +14,7 @@ import numpy as np
 
 from beltcomm.effects import EFFECTS
 from beltcomm.fit.noise.level import noise_doubt
+from beltcomm.fit.start.undersampled import SWING_SAMPLED, UNSEEN
 from beltcomm.fit.uncertainty.intervals import rounded_share
 from beltcomm.identify.landmarks import shape_of
 from beltcomm.laboratory.acceptance import EVIDENCE
@@ -34,8 +35,6 @@ OF_DRIVE = frozenset(name for name, slot in SLOTS.items() if slot in DRIVE_SLOTS
 WITHIN_SAMPLE = 0.25
 #: Share of the noise's power from which on it is mostly rounding.
 MOSTLY_ROUNDING = 0.5
-#: Share of the sampling rate up to which a resonance is sampled well enough.
-SWING_SAMPLED = 0.2
 #: Error over the noise that no healthy axis has for being sampled too seldom (2 at most), and share of it that an effect may leave, above
 #: the noise, of the fitted records and of those held out, to stand all the same.
 TOO_FAR_OFF, HARDLY_LEFT = 3.0, 0.05
@@ -64,16 +63,16 @@ def restrict_to_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tupl
     if doubt and found.verdict != "partly explained":
         left = unexplained_words({one.name: one.plain for one in compare(found.data, found.final_fit).records})
         return replace(found, verdict="cannot tell"), [doubt, *([left] if left else [])]
-    if found.data.path.commanded and ends_at_drive(found):
-        return without_names(found, OF_DRIVE), [commanded_only_words(found)]
-    stands = found.verdict == "explained" or acts_slowly(found) or explains_nearly_all(found)
-    sentence = "" if stands else undersampling_remark(found.base.model, recordings)
+    if found.data.path.commanded and _ends_at_drive(found):
+        return _without_names(found, OF_DRIVE), [_commanded_only_words(found)]
+    stands = found.verdict == "explained" or _acts_slowly(found) or _explains_nearly_all(found)
+    sentence = "" if stands else _undersampling_remark(found.base.model, recordings)
     if sentence and found.verdict != "nothing missing":
-        return without_names(found), [sentence]
-    sentence = unknown_delivery(found, recordings)
+        return _without_names(found), [sentence]
+    sentence = _unknown_delivery(found, recordings)
     if sentence and found.verdict != "nothing missing":
-        return without_names(found, OF_DRIVE), [sentence]
-    if sentence := current_loop_within_sample(found) or structure_of_rounding(found) or delay_of_path(found):
+        return _without_names(found, OF_DRIVE), [sentence]
+    if sentence := _current_loop_within_sample(found) or _structure_of_rounding(found) or _delay_of_path(found):
         return replace(found, verdict="cannot tell"), [sentence]
     unnamed = not_named(found.base.model, recordings)
     if name := next((step.added for step in found.steps if step.added in unnamed), ""):
@@ -81,7 +80,7 @@ def restrict_to_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tupl
             f"{name} fits best, but no record is excited: strokes and moves hardly contain the frequencies at which it acts, so "
             "it is not named. Record an excitation (frf) and ask again."
         )
-        return without_names(found, unnamed), [sentence]
+        return _without_names(found, unnamed), [sentence]
     if unnamed and found.verdict == NONE_EXPLAINS and found.final_fit.ratio < UNDECIDED:
         sentence = (
             f"An error of {found.final_fit.ratio:.2f} times the noise may be the noise itself: it is known to some "
@@ -89,27 +88,27 @@ def restrict_to_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tupl
             "where no record is excited. Record an excitation (frf) and ask again."
         )
         return replace(found, verdict="cannot tell"), [sentence]
-    return found, [sentence] if (sentence := contact_that_opens(found)) else []
+    return found, [sentence] if (sentence := _contact_that_opens(found)) else []
 
 
-def contact_that_opens(found: Diagnosis) -> str:
+def _contact_that_opens(found: Diagnosis) -> str:
     """That a gap is likelier than any wrong number where nothing explains an error far above the noise, in words; "" where it is not."""
     unexplained = found.verdict == NONE_EXPLAINS and not found.added_effects
     if not unexplained or found.base.ratio <= FAR_OFF_BASE or "cart" not in found.base.model.base_bodies:
         return ""
     return (
-        f"An error of {found.base.ratio:.3g} times the noise is rather no wrong mass, stiffness, friction or scale, which a fit would take "
-        "up: something hits and lets go, as in a gap (backlash) that is wide for these records. Hold the motor and push the carriage both "
-        "ways against a dial gauge; then look for a collision, and for what else is loose."
+        f"An error of {found.published_base[1].ratio:.3g} times the noise is rather no wrong mass, stiffness, friction or scale, which "
+        "a fit would take up: something hits and lets go, as in a gap (backlash) that is wide for these records. Hold the motor and push "
+        "the carriage both ways against a dial gauge; then look for a collision, and for what else is loose."
     )
 
 
-def acts_slowly(found: Diagnosis) -> bool:
+def _acts_slowly(found: Diagnosis) -> bool:
     """True where the effect that was named first shows far below the antiresonance, too."""
     return bool(found.added_effects) and SLOTS.get(found.added_effects[0], FAST_SLOTS[0]) not in FAST_SLOTS
 
 
-def explains_nearly_all(found: Diagnosis) -> bool:
+def _explains_nearly_all(found: Diagnosis) -> bool:
     """True where what was named takes an error that no sampling makes nearly to the noise, on records held out as well."""
     base, after = found.base, found.final_fit
     pairs = ((base.ratio, after.ratio), (base.held_out_ratio, after.held_out_ratio))
@@ -118,12 +117,12 @@ def explains_nearly_all(found: Diagnosis) -> bool:
     )
 
 
-def ends_at_drive(found: Diagnosis) -> bool:
+def _ends_at_drive(found: Diagnosis) -> bool:
     """True where nothing is named, or something that a drive has as well."""
     return not found.added_effects or not OF_DRIVE.isdisjoint(found.added_effects)
 
 
-def without_names(found: Diagnosis, untold: Container[str] = SLOTS) -> Diagnosis:
+def _without_names(found: Diagnosis, untold: Container[str] = SLOTS) -> Diagnosis:
     """The diagnosis as it was before the first of some effects was added, with no verdict.
 
     What was added before stands, what came after was found beside a name that does not.
@@ -134,7 +133,7 @@ def without_names(found: Diagnosis, untold: Container[str] = SLOTS) -> Diagnosis
     return replace(found, steps=(*found.steps[:number], *kept), verdict="cannot tell", twins=(), data=data)
 
 
-def commanded_only_words(found: Diagnosis) -> str:
+def _commanded_only_words(found: Diagnosis) -> str:
     """That nothing independent tells how noisy a torque is of which only the command was recorded, in words."""
     units = units_of(found.base.model)
     return (
@@ -144,30 +143,57 @@ def commanded_only_words(found: Diagnosis) -> str:
     )
 
 
-def undersampling_remark(model: Model, recordings: Sequence[Recording]) -> str:
-    """That a belt swings too fast for the sampling, in words; "" where it does not.
+def _undersampling_remark(model: Model, recordings: Sequence[Recording]) -> str:
+    """That an axis swings too fast for the sampling, in words; "" where it does not.
 
     Between two samples nothing but a model says how the motor moves; with less than four of them to a swing that decides the fit.
     """
-    if "cart" not in model.base_bodies:
+    resonance_hz, rate_hz = _swing_and_rate(model, recordings)
+    if resonance_hz < SWING_SAMPLED * rate_hz:
         return ""
-    shape = shape_of(model, float(np.median([r.sidecar.start_position_m or 0.0 for r in recordings])))
-    rate_hz = 1.0 / max(r.sample_period_s for r in recordings)
-    if shape is None or shape.belt.resonance_hz < SWING_SAMPLED * rate_hz:
-        return ""
-    wanted_hz = math.ceil(shape.belt.resonance_hz / SWING_SAMPLED / 10.0) * 10
+    wanted_hz = math.ceil(resonance_hz / SWING_SAMPLED / 10.0) * 10
     return (
-        f"The belt swings at {shape.belt.resonance_hz:.0f} Hz and was sampled with {rate_hz:.0f} Hz: what it does in between "
+        f"The axis swings at {resonance_hz:.0f} Hz and was sampled with {rate_hz:.0f} Hz: what it does in between "
         f"these records do not show. Record with at least {wanted_hz} Hz and ask again."
     )
 
 
-def unknown_delivery(found: Diagnosis, recordings: Sequence[Recording]) -> str:
+def _swing_and_rate(model: Model, recordings: Sequence[Recording]) -> tuple[float, float]:
+    """Resonance where the records were made, Hz, 0 for what does not swing, and the lowest sampling rate, Hz."""
+    rate_hz = 1.0 / max(r.sample_period_s for r in recordings)
+    if "cart" not in model.base_bodies:
+        return 0.0, rate_hz
+    shape = shape_of(model, float(np.median([r.sidecar.start_position_m or 0.0 for r in recordings])))
+    return (shape.belt.resonance_hz if shape is not None else 0.0), rate_hz
+
+
+def sampling_doubt(ratio: float, model: Model, recordings: Sequence[Recording]) -> str:
+    """Reason in words why the ratio to the noise may be no more than what so seldom a sampling leaves; "" for none.
+
+    Parameters
+    ----------
+    ratio : float
+        Error over the noise.
+    model : Model
+        That it is of.
+    recordings : sequence of Recording
+
+    Returns
+    -------
+    str
+        A sentence, or "".
+    """
+    resonance_hz, rate_hz = _swing_and_rate(model, recordings)
+    far_off = ratio >= TOO_FAR_OFF and resonance_hz < UNSEEN * rate_hz
+    return "" if far_off else _undersampling_remark(model, recordings)
+
+
+def _unknown_delivery(found: Diagnosis, recordings: Sequence[Recording]) -> str:
     """That an error may be how the drive delivers and reads its torque, in words; "" where setpoints tell or only other names stand."""
     told = any(r.torque_setpoint is not None for r in recordings) or recordings[0].side == "load"
-    if told or not ends_at_drive(found) or found.base.ratio > FAR_OFF_BASE:
+    if told or not _ends_at_drive(found) or found.base.ratio > FAR_OFF_BASE:
         return ""
-    error = f"an error of {found.base.ratio:.2f} times the noise"
+    error = f"an error of {found.published_base[1].ratio:.2f} times the noise"
     named = next((name for name in found.added_effects if name in OF_DRIVE), "")
     hint = f"; {named} fits best" if named else ""
     return (
@@ -176,7 +202,7 @@ def unknown_delivery(found: Diagnosis, recordings: Sequence[Recording]) -> str:
     )
 
 
-def current_loop_within_sample(found: Diagnosis) -> str:
+def _current_loop_within_sample(found: Diagnosis) -> str:
     """That a lag may be the drive's own current loop, whose torque is read when it has settled, in words; "" where it is none."""
     path, time_s = found.data.path, found.final_fit.model.get("current_lag.time")
     shaped = path.drive is None or bool(path.drive.lags) or not path.read_as_acts
@@ -189,7 +215,7 @@ def current_loop_within_sample(found: Diagnosis) -> str:
     )
 
 
-def structure_of_rounding(found: Diagnosis) -> str:
+def _structure_of_rounding(found: Diagnosis) -> str:
     """That what is left is no more than the noise, most of which is rounding that goes with the motion, in words; "" where it is not."""
     fitted = found.final_fit
     if found.verdict != NONE_EXPLAINS or found.added_effects or not fitted.problem.samples:
@@ -203,15 +229,16 @@ def structure_of_rounding(found: Diagnosis) -> str:
     )
 
 
-def delay_of_path(found: Diagnosis) -> str:
+def _delay_of_path(found: Diagnosis) -> str:
     """That what is left may be a delay behind the drive or the rest of its torque path, in words; "" where no small delay explains it."""
     last = found.steps[-1].candidates if found.steps else ()
     delay = next((c for c in last if c.of_path and c.stands and c.evidence > EVIDENCE), None)
     if found.verdict not in (NONE_EXPLAINS, "partly explained") or delay is None or delay.fitted is None:
         return ""
-    time_s = delay.fitted.model[f"{delay.effect.name}.time"]
+    time_s = delay.fitted.model.parameters.get(f"{delay.effect.name}.time")
+    named = f"A {delay.effect.name} of {1e3 * time_s.value:.2g} ms" if time_s else f"{delay.effect.title.capitalize()} that does not swing"
     return (
-        f"A {delay.effect.name} of {1e3 * time_s:.2g} ms would explain some of it, and so would a filter in the drive or in its torque "
+        f"{named} would explain some of it, and so would a filter in the drive or in its torque "
         f"reading that differs a little from the one found: {found.final_fit.ratio:.2f} times the noise do not tell them apart. A record "
         "at a shorter sample period, or with a finer encoder, would tell."
     )
@@ -232,12 +259,12 @@ def not_named(model: Model, recordings: Sequence[Recording]) -> set[str]:
     set of str
         Names; empty where a record is excited.
     """
-    if "cart" not in model.base_bodies or is_excited(recordings):
+    if "cart" not in model.base_bodies or _is_excited(recordings):
         return set()
     return {effect.name for effect in EFFECTS if effect.slot in FAST_SLOTS}
 
 
-def is_excited(recordings: Sequence[Recording]) -> bool:
+def _is_excited(recordings: Sequence[Recording]) -> bool:
     """True if a record to fit is excited."""
     return any(r.sidecar.experiment == "frf" and not r.sidecar.held_out for r in recordings)
 
@@ -248,13 +275,12 @@ def missing_records(recordings: Sequence[Recording], ratio_m_rad: float) -> list
     Parameters
     ----------
     recordings : sequence of Recording
-        Of a run.
     ratio_m_rad : float
         Carriage travel per radian of the motor.
     """
     to_fit = [r for r in recordings if not (r.sidecar.held_out or r.is_static_map)]
     lines = []
-    if not is_excited(to_fit):
+    if not _is_excited(to_fit):
         lines.append("no excited record (frf): nothing about belt, delays, lags and payloads on springs is named")
     speeds = [float(np.percentile(np.abs(np.gradient(r.position, r.t_s)), 90.0)) * ratio_m_rad for r in to_fit]
     strokes = [speed for r, speed in zip(to_fit, speeds, strict=True) if r.sidecar.experiment != "frf"]

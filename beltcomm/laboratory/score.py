@@ -26,7 +26,7 @@ from beltcomm.fit.residual.observer import needs_observer
 from beltcomm.fit.residual.segment import Segment
 from beltcomm.fit.residual.whitened import in_noise, observed_residuals, whitened_residual, with_observers
 from beltcomm.laboratory.acceptance import log_deviations
-from beltcomm.laboratory.single_record import explained_elongation, stiffness_by_record
+from beltcomm.laboratory.single_record import explained_elongation, stiffness_at_places
 from beltcomm.model import Model, on_side
 from beltcomm.simulate.inverse import (
     ENOUGH_LANES,
@@ -42,12 +42,12 @@ from beltcomm.simulate.kernels.switchboard import BEFORE_THE_LOAD
 from beltcomm.simulate.kernels.writer import acts_on_motor
 
 
-def powers_of(number: int) -> Array:
-    """sin(0 θ) and cos(0 θ) of so many angles, which :func:`load_means` and :func:`gain_means` raise order by order; (2, number)."""
+def _powers_of(number: int) -> Array:
+    """sin(0 θ) and cos(0 θ) of so many angles, which :func:`_load_means` and :func:`_gain_means` raise order by order; (2, number)."""
     return np.stack([np.zeros(number), np.ones(number)])
 
 
-def load_means(piece: Segment, powers: Array, orders: int) -> Iterator[tuple[Array, Array]]:
+def _load_means(piece: Segment, powers: Array, orders: int) -> Iterator[tuple[Array, Array]]:
     """Triangular means of sin(N θ) and cos(N θ) for the next so many orders N; (n,) each, ends 0.
 
     Parameters
@@ -63,7 +63,7 @@ def load_means(piece: Segment, powers: Array, orders: int) -> Iterator[tuple[Arr
         yield means[0], means[1]
 
 
-def gain_means(piece: Segment, powers: Array, orders: int) -> Iterator[tuple[Array, Array]]:
+def _gain_means(piece: Segment, powers: Array, orders: int) -> Iterator[tuple[Array, Array]]:
     """Triangular means of torque sin(N θ) and torque cos(N θ), the torque held from sample n to n+1.
 
     Parameters
@@ -79,16 +79,12 @@ def gain_means(piece: Segment, powers: Array, orders: int) -> Iterator[tuple[Arr
         yield means[0], means[1]
 
 
-def line_columns(piece: Segment, inertia: float, lines: float) -> Array:
+def _line_columns(piece: Segment, inertia: float, lines: float) -> Array:
     """Inertia torque by errors of the angle shown, 1 rad once and twice per line, N m; (n, 4), ends 0.
 
         J (θ[n+1] - 2 θ[n] + θ[n-1])/T²  of  -sin Nθ, -cos Nθ, -sin 2Nθ, -cos 2Nθ
 
     A line passes in so short a time that nothing behind the motor follows; at the samples, above half their rate as well.
-
-    Parameters
-    ----------
-    inertia : float, kg m², motor side
     """
     once = lines * piece.motion.theta[:: piece.motion.substeps]
     error = np.stack([np.sin(once), np.cos(once), np.sin(2.0 * once), np.cos(2.0 * once)], axis=1)
@@ -207,14 +203,33 @@ class Scorer:
         self.parts: list[Parts] = [rough.balance(i, fitted.x, float(o)) for i, o in enumerate(self.offsets)]
 
     def score(self, effect: Effect, ground: AxisSummary) -> list[Scored]:
-        """The best trials of an effect that the model can take, best first."""
+        """The best trials of an effect that the model can take, best first.
+
+        Parameters
+        ----------
+        effect : Effect
+        ground : AxisSummary
+            Of the axis: how large a usual trial is.
+        """
         if effect.needs_observer:
-            return sorted((self.score_observed(effect, trial) for trial in self.trials_of(effect, ground)), key=lambda s: -s.drop)
+            return sorted((self._score_observed(effect, trial) for trial in self.trials_of(effect, ground)), key=lambda s: -s.drop)
         scored = [self.score_columns(effect, trial, columns) for _, trial, columns in self.screen(effect, ground)]
         return sorted((s for s in scored if s.drop > 0.0), key=lambda s: -s.drop)
 
     def screen(self, effect: Effect, ground: AxisSummary) -> list[tuple[float, Trial, Array]]:
-        """The trials to look at again: rough drop, trial and its columns; what all of them show is kept for :meth:`powers_of`."""
+        """The trials to look at again.
+
+        Parameters
+        ----------
+        effect : Effect
+        ground : AxisSummary
+            Of the axis: how large a usual trial is.
+
+        Returns
+        -------
+        list of tuple[float, Trial, ndarray]
+            Rough drop, trial and its columns, best first; what all of them show is kept for :meth:`powers_of`.
+        """
         best: list[tuple[float, Trial, Array]] = []
         seen = self._powers[effect.name] = []
         for some, columns in self.trials(effect, ground):
@@ -228,23 +243,49 @@ class Scorer:
         return best
 
     def powers_of(self, effect: Effect, ground: AxisSummary) -> Sequence[tuple[float, Trial]]:
-        """By how much O would fall if the effect were there as a trial says, and the trial; worked out once."""
+        """By how much O would fall if the effect were there as a trial says, and the trial; worked out once.
+
+        Parameters
+        ----------
+        effect : Effect
+        ground : AxisSummary
+            Of the axis: how large a usual trial is.
+        """
         if effect.name not in self._powers:
             self.screen(effect, ground)
         return self._powers[effect.name]
 
     def trials(self, effect: Effect, ground: AxisSummary) -> Iterator[tuple[list[Trial], Array]]:
-        """All trials of an effect and their columns, some at a time."""
+        """All trials of an effect and their columns, some at a time.
+
+        Parameters
+        ----------
+        effect : Effect
+        ground : AxisSummary
+            Of the axis: how large a usual trial is.
+
+        Returns
+        -------
+        iterator of tuple[list of Trial, ndarray]
+            Columns (n, k): those of one trial beside those of the next.
+        """
         trials = [trial for trial in self.trials_of(effect, ground) if not trial.swallowed]
         if effect.harmonic == "angle":
             return self.lines(effect, trials)
-        return self.harmonics(effect, trials) if effect.harmonic and len(trials) > 3 else self.batches(effect, trials)
+        return self._harmonics(effect, trials) if effect.harmonic and len(trials) > 3 else self._batches(effect, trials)
 
     def trials_of(self, effect: Effect, ground: AxisSummary) -> list[Trial]:
-        """Every way to switch an effect on, inside the bounds."""
-        return [self.clip_to_bounds(effect, trial) for trial in effect.trials(ground)] if effect.trials is not None else []
+        """Every way to switch an effect on, inside the bounds.
 
-    def clip_to_bounds(self, effect: Effect, trial: Trial) -> Trial:
+        Parameters
+        ----------
+        effect : Effect
+        ground : AxisSummary
+            Of the axis: how large a usual trial is.
+        """
+        return [self._clip_to_bounds(effect, trial) for trial in effect.trials(ground)] if effect.trials is not None else []
+
+    def _clip_to_bounds(self, effect: Effect, trial: Trial) -> Trial:
         """The trial with its values inside the bounds of this model's side."""
         limits = self.model.parameters_of(effect)
         values = {}
@@ -254,31 +295,31 @@ class Scorer:
         base = {name: value for name, value in trial.base.items() if name in self.problem.free}
         return replace(trial, values=values, base=base)
 
-    def batches(self, effect: Effect, trials: Sequence[Trial]) -> Iterator[tuple[list[Trial], Array]]:
+    def _batches(self, effect: Effect, trials: Sequence[Trial]) -> Iterator[tuple[list[Trial], Array]]:
         """Trials and their columns, some at a time."""
         for first in range(0, len(trials), BATCH):
             some = list(trials[first : first + BATCH])
             yield some, self.columns(effect, [self.model_with(effect, v, t) for t in some for v in amplitude_columns(t)])
 
-    def harmonics(self, effect: Effect, trials: Sequence[Trial]) -> Iterator[tuple[list[Trial], Array]]:
+    def _harmonics(self, effect: Effect, trials: Sequence[Trial]) -> Iterator[tuple[list[Trial], Array]]:
         """Score columns for all orders of an effect that repeats with the motor angle."""
         key = effect.parameters[0].name
         wanted = {round(trial.values[key]): trial for trial in trials}
         highest = max(wanted)
         load = effect.harmonic == "load"
         pieces = self.rough if needs_observer(self.model) else self.problem.pieces  # an observer's steps are finer than a ripple asks for
-        powers = [powers_of(len(p.motion.theta) - (not load)) for p in pieces]
+        powers = [_powers_of(len(p.motion.theta) - (not load)) for p in pieces]
         for first in range(1, highest + 1, BATCH):
             orders = range(first, min(first + BATCH, highest + 1))
             some = [wanted[order] for order in orders if order in wanted]
             parts = []
             for i, piece in enumerate(pieces):
                 means = np.empty((piece.motion.samples, len(some), 2))
-                place, scan = 0, (load_means if load else gain_means)(piece, powers[i], len(orders))
+                place, scan = 0, (_load_means if load else _gain_means)(piece, powers[i], len(orders))
                 for order, (sine, cosine) in zip(orders, scan, strict=True):
                     if order in wanted:
                         for k, mean in enumerate((sine, cosine)):
-                            means[:, place, k] = self.as_read(i, mean) if load else mean
+                            means[:, place, k] = self._as_read(i, mean) if load else mean
                         place += 1
                 parts.append(in_noise(piece, self.model, self.vector, means.reshape(len(means), -1)))
             if some:
@@ -286,18 +327,36 @@ class Scorer:
                 yield some, np.concatenate(parts) * sizes
 
     def lines(self, effect: Effect, trials: Sequence[Trial]) -> Iterator[tuple[list[Trial], Array]]:
-        """Scores of trials for the lines of an encoder, by the torque at the motor, N m, that they ask of its inertia."""
+        """Scores of trials for the lines of an encoder, by the torque at the motor, N m, that they ask of its inertia.
+
+        Parameters
+        ----------
+        effect : Effect
+        trials : sequence of Trial
+
+        Returns
+        -------
+        iterator of tuple[list of Trial, ndarray]
+            One trial and its columns (n, amplitudes).
+        """
         key, inertia = effect.parameters[0].name, self.model["motor.inertia"]
         for trial in trials:
             sizes = [trial.values[name] for name in trial.amplitudes]
             parts = []
             for i, piece in enumerate(self.rough):
-                asked = line_columns(piece, inertia, trial.values[key]).T
-                parts.append(in_noise(piece, self.model, self.vector, np.stack([self.as_read(i, one) for one in asked], axis=1)))
+                asked = _line_columns(piece, inertia, trial.values[key]).T
+                parts.append(in_noise(piece, self.model, self.vector, np.stack([self._as_read(i, one) for one in asked], axis=1)))
             yield [trial], np.concatenate(parts) * sizes
 
     def score_columns(self, effect: Effect, trial: Trial, columns: Array) -> Scored:
-        """One trial by its columns; by what the whole axis does to an error of the angle, where the columns only said which to look at."""
+        """One trial by its columns; by what the whole axis does to an error of the angle, where the columns only said which to look at.
+
+        Parameters
+        ----------
+        effect : Effect
+        trial : Trial
+        columns : ndarray, (n, k)
+        """
         if effect.harmonic == "angle":
             columns = self.columns(effect, [self.model_with(effect, values, trial) for values in amplitude_columns(trial)])
         if trial.base:
@@ -306,9 +365,9 @@ class Scorer:
         drop = self.nearby.objective - near.objective
         if not trial.signed and not trial.amplitudes and near.amounts[0] <= 0.0:
             drop = 0.0
-        return Scored(effect, trial, drop, self.start_values(effect, trial, near.amounts), near.step)
+        return Scored(effect, trial, drop, self._start_values(effect, trial, near.amounts), near.step)
 
-    def score_observed(self, effect: Effect, trial: Trial) -> Scored:
+    def _score_observed(self, effect: Effect, trial: Trial) -> Scored:
         """A trial of an effect that needs an observer: what one of its own leaves instead of the residual."""
         grown = self.model_with(effect, trial.values, trial)
         pieces = with_observers(self.problem.pieces, [grown] * len(self.problem.pieces))
@@ -319,11 +378,19 @@ class Scorer:
         return Scored(effect, trial, drop, dict(trial.values), near.step)
 
     def score_at(self, effect: Effect, trial: Trial, own: Mapping[str, float]) -> Scored:
-        """A trial with these own values as they are; amplitudes as the score test wants them."""
+        """A trial with these own values as they are; amplitudes as the score test wants them.
+
+        Parameters
+        ----------
+        effect : Effect
+        trial : Trial
+        own : mapping of str to float
+            Parameters of the effect by their own names; of the amplitudes nothing counts.
+        """
         if trial.amplitudes:
             unit = replace(trial, values={**own, **{name: trial.values[name] for name in trial.amplitudes}})
             near = self.nearby.best(columns=self.columns(effect, [self.model_with(effect, v, unit) for v in amplitude_columns(unit)]))
-            own = self.start_values(effect, unit, near.amounts)
+            own = self._start_values(effect, unit, near.amounts)
         else:
             near = self.nearby.best(self.columns(effect, [self.model_with(effect, own, trial)])[:, 0])
         step = near.step.copy()
@@ -333,13 +400,22 @@ class Scorer:
         return Scored(effect, replace(trial, values=own), self.nearby.objective - near.objective, own, step)
 
     def model_with(self, effect: Effect, own: Mapping[str, float], trial: Trial) -> Model:
-        """The model with the effect, and with what the trial changes of the base."""
+        """The model with the effect, and with what the trial changes of the base.
+
+        Parameters
+        ----------
+        effect : Effect
+        own : mapping of str to float
+            Parameters of the effect by their own names.
+        trial : Trial
+            For what it changes of the base.
+        """
         bounds = self.model.parameters  # on data that do not fit their axis file a trial may lead beyond what can be
         base = {name: min(max(value, bounds[name].low), bounds[name].high) for name, value in trial.base.items()} if trial.base else {}
         model = self.model.with_values(base, "trial") if base else self.model
         return model.with_effect(effect.name, own)
 
-    def start_values(self, effect: Effect, trial: Trial, amounts: Array) -> dict[str, float]:
+    def _start_values(self, effect: Effect, trial: Trial, amounts: Array) -> dict[str, float]:
         """Values of the effect with its amplitudes as the score test wants them, inside the bounds."""
         values = dict(trial.values)
         limits = {p.name: on_side(p, self.model.side) for p in effect.parameters}
@@ -352,34 +428,48 @@ class Scorer:
         return values
 
     def columns(self, effect: Effect, extended: Sequence[Model]) -> Array:
-        """Changes of the whitened residual of all pieces when the effect is switched on, (n, models).
+        """Changes of the whitened residual of all pieces when the effect is switched on.
 
         Parameters
         ----------
+        effect : Effect
         extended : sequence of Model
             Models that have the effect, and that may have another belt.
+
+        Returns
+        -------
+        ndarray
+            (n, models).
         """
         vectors = [model.vector() for model in extended]
         if self.rough[0].observer is not None and not (acts_on_motor(effect) and effect.slot != "friction_onset"):
-            return self.observed_innovations(effect, extended) - self.innovations_here[:, None]
+            return self._observed_innovations(effect, extended) - self.innovations_here[:, None]
         parts = [in_noise(piece, self.model, self.vector, self.torques(effect, extended, vectors, i)) for i, piece in enumerate(self.rough)]
         return np.concatenate(parts)
 
     def torques(self, effect: Effect, extended: Sequence[Model], vectors: Sequence[Array], i: int) -> Array:
-        """Changes of the residual of piece i, N m, (n, models).
+        """Changes of the residual of piece i.
 
         Parameters
         ----------
+        effect : Effect
         extended, vectors
             Models that have the effect, and their values.
+        i : int
+            Number of the piece.
+
+        Returns
+        -------
+        ndarray
+            N m, (n, models).
         """
         motion = true_motion(self.model, self.rough[i].motion, self.vector)
         if acts_on_motor(effect) or effect.slot in BEFORE_THE_LOAD:
             return np.stack([self.change(effect, m, v, i, motion) for m, v in zip(extended, vectors, strict=True)], axis=1)
         loads = belt_loads(extended[0], motion, list(vectors), [float(self.offsets[i])] * len(vectors))
-        return np.stack([self.as_read(i, load - self.parts[i].belt) for load in loads.T], axis=1)
+        return np.stack([self._as_read(i, load - self.parts[i].belt) for load in loads.T], axis=1)
 
-    def observed_innovations(self, effect: Effect, extended: Sequence[Model]) -> Array:
+    def _observed_innovations(self, effect: Effect, extended: Sequence[Model]) -> Array:
         """Innovations of models that have the effect, over their deviations, (n, models)."""
         # An observer of a model that is far off has lost the carriage; what finds it again needs one of its own.
         anew = effect.slot in BELT_SLOTS and self.fitted.objective > FAR_OFF * self.problem.samples
@@ -398,19 +488,36 @@ class Scorer:
         return np.concatenate(observed_residuals(self.rough, self.model, [self.vector] * len(self.rough)))
 
     def change(self, effect: Effect, extended: Model, vector: Array, i: int, motion: FineMotion) -> Array:
-        """Change of a piece's residual by an effect of the motor, its torque or its angle, N m, (n,)."""
+        """Change of a piece's residual by an effect of the motor, its torque or its angle.
+
+        Parameters
+        ----------
+        effect : Effect
+        extended : Model
+            With the effect.
+        vector : ndarray
+            Its values.
+        i : int
+            Number of the piece.
+        motion : FineMotion
+
+        Returns
+        -------
+        ndarray
+            N m, (n,).
+        """
         piece, old, offset = self.rough[i], self.parts[i], float(self.offsets[i])
         if effect.slot == "sensor":
             return Problem([piece], extended, (), 1.0).balance(0, np.zeros(1), offset).residual - old.residual
         if acts_on_motor(effect) and effect.slot != "friction_onset":
-            return self.as_read(i, motor_load(extended, motion, vector, effect.name))
+            return self._as_read(i, motor_load(extended, motion, vector, effect.name))
         if acts_on_motor(effect):
-            return self.as_read(i, motor_load(extended, motion, vector) - old.motor)
+            return self._as_read(i, motor_load(extended, motion, vector) - old.motor)
         if effect.slot in ("torque_path", "torque_delay"):
             return old.acting - acting_torque(extended, motion, piece.torque, vector)
         return replace(old, lags=reading_lags(extended, vector)).residual - old.residual
 
-    def as_read(self, i: int, torque: Array) -> Array:
+    def _as_read(self, i: int, torque: Array) -> Array:
         """A change of the torque that piece i needs as its reading shows it, N m, (n,)."""
         return as_read(torque, 0.0, self.parts[i].motion.sample_s, self.parts[i].lags)
 
@@ -445,7 +552,6 @@ def ground_of(fitted: Fitted, pieces: Sequence[Segment], axis: Axis) -> AxisSumm
     pieces : sequence of Segment
         Segments for speeds, places and torques.
     axis : Axis
-        As its file states it.
 
     Returns
     -------
@@ -473,7 +579,7 @@ def ground_of(fitted: Fitted, pieces: Sequence[Segment], axis: Axis) -> AxisSumm
         peak_force_n=min(stiffness * 2e-3, max(1.0, mass * ratio * acceleration)),
         offset_m=axis.travel.driven_side_offset_m,
         pulley_distance_m=float(axis.get("belt.pulley_distance_m") or 0.0),
-        stiffness_at=stiffness_by_record(fitted),
+        stiffness_at=stiffness_at_places(fitted),
         fastest=max(float(np.percentile(np.abs(piece.motion.omega), 99.0)) for piece in pieces),
         side=model.side,
         belt="cart" in model.base_bodies,

@@ -149,7 +149,6 @@ def search(
     Parameters
     ----------
     data : Data
-        The records.
     scorer : Scorer
         Of the base model.
     ground : AxisSummary
@@ -170,40 +169,40 @@ def search(
         ways[effect.name] = scorer.score(effect, ground)
         progress(0.4 * (number + 1) / len(wanted))
     best = {name: found[0] for name, found in ways.items() if found}
-    order = sorted(best, key=lambda name: -expected_gain(best[name], base, len(ways[name])))
-    most = expected_gain(best[order[0]], base, len(ways[order[0]])) if order else 0.0
+    order = sorted(best, key=lambda name: -_expected_gain(best[name], base, len(ways[name])))
+    most = _expected_gain(best[order[0]], base, len(ways[order[0]])) if order else 0.0
     for number, name in enumerate(order[:SEARCHED]):
         if needs_observer(base.model):
-            most = max(expected_gain(best[n], base, len(ways[n])) for n in order)
+            most = max(_expected_gain(best[n], base, len(ways[n])) for n in order)
         share = FOLLOWED_SEARCH_SHARE if needs_observer(base.model) else SEARCH_SHARE
-        if expected_gain(best[name], base, len(ways[name])) > max(SEARCH_PROMISE, share * most):
+        if _expected_gain(best[name], base, len(ways[name])) > max(SEARCH_PROMISE, share * most):
             best[name] = refine_best(scorer, ways[name], 1 if needs_observer(base.model) else WAYS)
         progress(0.4 + 0.3 * (number + 1) / SEARCHED)
-    order = sorted(best, key=lambda name: -expected_gain(best[name], base, len(ways[name])))
+    order = sorted(best, key=lambda name: -_expected_gain(best[name], base, len(ways[name])))
     candidates: list[Candidate] = []
     for number, name in enumerate(order):
-        promised = expected_gain(best[name], base, len(ways[name]))
+        promised = _expected_gain(best[name], base, len(ways[name]))
         found_most = max((c.evidence for c in candidates if c.stands), default=promised)
         if number < (FOLLOWED_REFITTED if needs_observer(base.model) else REFITTED) and promised > max(
             REFIT_PROMISE, REFIT_SHARE * found_most
         ):
-            candidates.append(best_standing(data, base, (best[name], *ways[name][1:]), against or base))
+            candidates.append(_best_standing(data, base, (best[name], *ways[name][1:]), against or base))
         else:
             candidates.append(Candidate(best[name].effect, best[name].drop, promised, 0.0, 0.0, None, False))
         progress(0.7 + 0.3 * min(1.0, (number + 1) / REFITTED))
     unexplained = base.objective > swallowed_above * base.problem.samples
     if unexplained and needs_observer(base.model) and not any(c.accepted and c.explained > MOSTLY for c in candidates):
         left = {c.effect.name for c in candidates if c.fitted is None}
-        for way in (best[e.name] for e in wanted if e.name in left and e.name in best and rubs_behind(e)):
-            more = refit_with_effect(data, base, way, len(ways[way.effect.name]), against or base)
+        for way in (best[e.name] for e in wanted if e.name in left and e.name in best and _rubs_behind(e)):
+            more = _refit_with_effect(data, base, way, len(ways[way.effect.name]), against or base)
             candidates = [c for c in candidates if c.effect is not way.effect] + [more]
     elif unexplained and not any(c.accepted for c in candidates):
         for effect in wanted:
-            candidates = candidates_absorbed_by_base(data, scorer, effect, ground, candidates, len(ways[effect.name]))
-    return rank_candidates(candidates)
+            candidates = _candidates_absorbed_by_base(data, scorer, effect, ground, candidates, len(ways[effect.name]))
+    return _rank_candidates(candidates)
 
 
-def rank_candidates(candidates: Sequence[Candidate]) -> list[Candidate]:
+def _rank_candidates(candidates: Sequence[Candidate]) -> list[Candidate]:
     """Best first; of two that the records hardly tell apart the one with fewer parameters."""
     order = sorted(candidates, key=lambda c: (c.fitted is None, -c.evidence))
     best = next((c for c in order if c.accepted), None)
@@ -217,12 +216,12 @@ def rank_candidates(candidates: Sequence[Candidate]) -> list[Candidate]:
     return order
 
 
-def rubs_behind(effect: Effect) -> bool:
+def _rubs_behind(effect: Effect) -> bool:
     """True if it is friction of the carriage, which holds it in its gap: far from the truth the score test hardly sees that."""
     return effect.slot == "friction_level" and effect.body == "cart"
 
 
-def candidates_absorbed_by_base(
+def _candidates_absorbed_by_base(
     data: Data, scorer: Scorer, effect: Effect, ground: AxisSummary, candidates: list[Candidate], starts: int
 ) -> list[Candidate]:
     """The candidates with this effect fitted from where the base model may have swallowed it, if that is better."""
@@ -246,7 +245,6 @@ def may_add(base: Fitted, effect: Effect) -> bool:
     base : Fitted
         Fitted without it.
     effect : Effect
-        The effect.
 
     Returns
     -------
@@ -270,7 +268,7 @@ def may_add(base: Fitted, effect: Effect) -> bool:
     return True
 
 
-def expected_gain(way: Scored, base: Fitted, starts: int) -> float:
+def _expected_gain(way: Scored, base: Fitted, starts: int) -> float:
     """Expected gain of one start of an effect, its BIC penalty taken off."""
     return way.drop - bic_penalty(way.effect, base, starts)
 
@@ -281,7 +279,6 @@ def bic_penalty(effect: Effect, base: Fitted, starts: int) -> float:
     Parameters
     ----------
     effect : Effect
-        The effect.
     base : Fitted
         Fitted without it.
     starts : int
@@ -291,18 +288,18 @@ def bic_penalty(effect: Effect, base: Fitted, starts: int) -> float:
     return added * math.log(base.problem.samples) + 2.0 * math.log(max(starts, 1))
 
 
-def refit_with_effect(data: Data, base: Fitted, way: Scored, starts: int, against: Fitted) -> Candidate:
+def _refit_with_effect(data: Data, base: Fitted, way: Scored, starts: int, against: Fitted) -> Candidate:
     """Everything fitted again with the effect, from its best way."""
-    return candidate(data, against, way.effect, way.drop, refit_with(data, base, way, against.objective), starts)
+    return candidate(data, against, way.effect, way.drop, _refit_with(data, base, way, against.objective), starts)
 
 
-def best_standing(data: Data, base: Fitted, ways: Sequence[Scored], against: Fitted) -> Candidate:
+def _best_standing(data: Data, base: Fitted, ways: Sequence[Scored], against: Fitted) -> Candidate:
     """The first way refitted; where something speaks against it, and the next is another order of a ripple, that one."""
-    first = refit_with_effect(data, base, ways[0], len(ways), against)
+    first = _refit_with_effect(data, base, ways[0], len(ways), against)
     if first.stands or not first.effect.harmonic:
         return first
     others = (
-        refit_with_effect(data, base, way, len(ways), against) for way in ways[1:] if expected_gain(way, base, len(ways)) > REFIT_PROMISE
+        _refit_with_effect(data, base, way, len(ways), against) for way in ways[1:] if _expected_gain(way, base, len(ways)) > REFIT_PROMISE
     )
     return next((other for other in others if other.accepted), first)
 
@@ -319,10 +316,14 @@ def left_start_values(base: Fitted, start: Model, above: float = MISSING) -> boo
     above : float
         O per sample from which on it explains little.
     """
-    solid = [inertia for inertia, body in base.model.bodies() if body.name in base.model.base_bodies]
-    shared = [name for name in (*solid, STIFFNESS) if name in base.model.parameters and name in start.parameters]
     missing = base.objective > above * base.problem.samples and not needs_observer(base.model)
-    return missing and any(abs(math.log(base.model[name] / start[name])) > math.log(STRAYED) for name in shared)
+    return missing and any(abs(math.log(base.model[name] / start[name])) > math.log(STRAYED) for name in _sheet_values(base, start))
+
+
+def _sheet_values(base: Fitted, start: Model) -> list[str]:
+    """Masses and belt that are free in the one and stand in the other."""
+    solid = [inertia for inertia, body in base.model.bodies() if body.name in base.model.base_bodies]
+    return [name for name in (*solid, STIFFNESS) if name in base.problem.free and name in start.parameters]
 
 
 def fit_with_sheet_values(data: Data, base: Fitted, start: Model) -> Fitted:
@@ -331,14 +332,12 @@ def fit_with_sheet_values(data: Data, base: Fitted, start: Model) -> Fitted:
     Parameters
     ----------
     data : Data
-        The records.
     base : Fitted
         Fitted to these records.
     start : Model
         With the values of the data sheets.
     """
-    solid = [inertia for inertia, body in base.model.bodies() if body.name in base.model.base_bodies]
-    held = {name: start[name] for name in (*solid, STIFFNESS) if name in base.model.parameters and name in start.parameters}
+    held = {name: start[name] for name in _sheet_values(base, start)}
     return fit(data, base.model.with_values(held, "start"), ITERATIONS, fixed=tuple(held), enough=ENOUGH)
 
 
@@ -353,12 +352,12 @@ def merge_candidates(candidates: Sequence[Candidate], more: Sequence[Candidate])
     best: dict[str, Candidate] = {}
     for item in (*candidates, *more):
         old = best.get(item.effect.name)
-        if old is None or rank(item) > rank(old):
+        if old is None or _rank(item) > _rank(old):
             best[item.effect.name] = item
-    return rank_candidates(list(best.values()))
+    return _rank_candidates(list(best.values()))
 
 
-def rank(item: Candidate) -> tuple[bool, bool, float]:
+def _rank(item: Candidate) -> tuple[bool, bool, float]:
     """Sort key: one candidate for an effect is better than another."""
     return item.accepted, item.fitted is not None and item.stands, -item.fitted.objective if item.fitted is not None else item.evidence
 
@@ -369,11 +368,9 @@ def candidate(data: Data, base: Fitted, effect: Effect, promised: float, best: F
     Parameters
     ----------
     data : Data
-        The records.
     base : Fitted
         Without the effect.
     effect : Effect
-        The effect.
     promised : float
         Fall of the objective to first order.
     best : Fitted
@@ -399,7 +396,7 @@ def candidate(data: Data, base: Fitted, effect: Effect, promised: float, best: F
     )
 
 
-def refit_with(data: Data, base: Fitted, way: Scored, goal: float = math.inf) -> Fitted:
+def _refit_with(data: Data, base: Fitted, way: Scored, goal: float = math.inf) -> Fitted:
     """The model with the effect, begun where the score test says, or with no more of the base moved than the trial moves; the better.
 
     Parameters
@@ -438,13 +435,11 @@ def with_effect(data: Data, base: Fitted, ground: AxisSummary, effect: Effect, s
     Parameters
     ----------
     data : Data
-        The records.
     base : Fitted
         Fitted without it.
     ground : AxisSummary
         Of the axis, for the trials.
     effect : Effect
-        The effect.
     start : Mapping[str, float] or None
         Values from which the fit begins, instead of a search.
 
@@ -454,19 +449,21 @@ def with_effect(data: Data, base: Fitted, ground: AxisSummary, effect: Effect, s
         For a name that is no parameter of the effect, or a value outside its bounds.
     """
     if start:
-        own = {parameter.name: parameter for parameter in effect.parameters}
+        grown = base.model.with_effect(effect.name)
+        full = {name.removeprefix(f"{effect.name}."): name for name in grown.parameters if name not in base.model.parameters}
         for name, value in start.items():
-            if name not in own:
-                raise UsageError(f"{effect.name} has no parameter {name!r}{did_you_mean(name, own)}; it has {', '.join(own)}")
-            if not own[name].low <= value <= own[name].high:
-                raise UsageError(f"{name} of {effect.name} is {value:g}; it lies between {own[name].low:g} and {own[name].high:g}")
-        values = {f"{effect.name}.{name}": value for name, value in start.items()}
-        return fit(data, base.model.with_effect(effect.name).with_values(values, "start"), ITERATIONS, offsets=base.offsets)
+            if name not in full:
+                raise UsageError(f"{effect.name} has no parameter {name!r}{did_you_mean(name, full)}; it has {', '.join(full)}")
+            own = grown.parameters[full[name]]
+            if not own.low <= value <= own.high:
+                raise UsageError(f"{name} of {effect.name} is {value:g}; it lies between {own.low:g} and {own.high:g} {own.unit}".rstrip())
+        values = {full[name]: value for name, value in start.items()}
+        return fit(data, grown.with_values(values, "start"), ITERATIONS, offsets=base.offsets)
     scorer = Scorer(base)
     ways = scorer.score(effect, ground)
     if not ways:
         return fit(data, base.model.with_effect(effect.name), ITERATIONS, offsets=base.offsets)
-    return refit_with(data, base, refine_best(scorer, ways, WAYS))
+    return _refit_with(data, base, refine_best(scorer, ways, WAYS))
 
 
 #: Iterations of a refit, and where another kind of observer is needed.
@@ -483,16 +480,14 @@ def drop_superfluous(data: Data, fitted: Fitted, base: Model, newest: str) -> tu
     Parameters
     ----------
     data : Data
-        The records.
     fitted : Fitted
-        Model, fitted to the records.
     base : Model
         Model that the search began with.
     newest : str
         Name of the effect that was added last, which is not asked.
     """
     removed = []
-    worth = rise_without(fitted)
+    worth = _rise_without(fitted)
     for name in [e.name for e in additions(fitted.model, base) if e.name != newest]:
         if worth.get(name, 0.0) > SURE * EVIDENCE:
             continue
@@ -512,7 +507,7 @@ def drop_superfluous(data: Data, fitted: Fitted, base: Model, newest: str) -> tu
     return fitted, tuple(removed)
 
 
-def rise_without(fitted: Fitted) -> dict[str, float]:
+def _rise_without(fitted: Fitted) -> dict[str, float]:
     """By how much O rises to first order when an effect that is a sum of amplitudes is taken out and the rest gives way, nats."""
     problem = fitted.problem
     linear = {}

@@ -30,13 +30,12 @@ CLEAR, CLEAR_PER_BLOCK = 30.0, 1.0
 EXPLAINS, BY_CHANCE = 1.5, 0.01
 
 
-def stiffness_by_record(fitted: Fitted) -> tuple[tuple[float, float, float], ...]:
+def stiffness_at_places(fitted: Fitted) -> tuple[tuple[float, float, float], ...]:
     """(place m, rms torque N m, stiffness N/m) of every record at one place that shows it; () where the model has no plain belt.
 
     Parameters
     ----------
     fitted : Fitted
-        Model, fitted to the records.
     """
     if STIFFNESS not in fitted.problem.free:
         return ()
@@ -49,7 +48,7 @@ def stiffness_by_record(fitted: Fitted) -> tuple[tuple[float, float, float], ...
         if float(np.std(piece.torque)) < loud:
             continue
         if np.ptp(theta) < ONE_PLACE_M and len(piece.value_samples) >= ENOUGH:
-            stiffness = likeliest(fitted, piece)
+            stiffness = _likeliest(fitted, piece)
             if stiffness is not None:
                 found.append((float(np.mean(theta)), float(np.std(piece.torque)), stiffness))
     return tuple(found)
@@ -63,7 +62,6 @@ def explained_elongation(fitted: Fitted) -> tuple[float, float]:
     Parameters
     ----------
     fitted : Fitted
-        Model, fitted to the records.
     """
     model, problem = fitted.model, fitted.problem
     if STIFFNESS not in problem.free or needs_observer(model):
@@ -90,7 +88,7 @@ def explained_elongation(fitted: Fitted) -> tuple[float, float]:
     return float(minus), float(plus)
 
 
-def likeliest(fitted: Fitted, piece: Segment) -> float | None:
+def _likeliest(fitted: Fitted, piece: Segment) -> float | None:
     """The stiffness that explains a record best, N/m; None where a third or three times of it explain it nearly as well."""
     rough = replace(piece, motion=piece.motion.coarser(min(SUBSTEPS, piece.motion.substeps)))
     vector, place = fitted.model.vector(), fitted.model.index(STIFFNESS)

@@ -73,12 +73,12 @@ def detection_limits(scorer: Scorer, ground: AxisSummary) -> list[DetectionLimit
         needed = EVIDENCE + bic_penalty(effect, fitted, len(falls))
         strengths = [math.sqrt(needed / fall) if fall > 0.0 else math.inf for fall, _ in falls]
         middle = strengths[(len(strengths) - 1) // 2]
-        name, size, unit = scale_of(effect, falls[0][1])
+        name, size, unit = _scale_of(effect, falls[0][1])
         found.append(DetectionLimit(effect, strengths[0], middle, name, size, unit))
     return sorted(found, key=lambda sight: -sight.hardest)
 
 
-def scale_of(effect: Effect, trial: Trial) -> tuple[str, float, str]:
+def _scale_of(effect: Effect, trial: Trial) -> tuple[str, float, str]:
     """Parameter that scales an effect, its typical size and unit."""
     own = [p.name for p in effect.parameters if p.fitted and p.name in trial.values]
     wanted = next(iter((*trial.amplitudes, *own)), "")

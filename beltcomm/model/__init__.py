@@ -19,7 +19,7 @@ from beltcomm.effects import BELT_DAMPING, BELT_SPRING, BELT_STIFFNESS, DRIVING_
 from beltcomm.effects.rigid_load import driven
 from beltcomm.errors import UsageError
 from beltcomm.model.value import Value
-from beltcomm.plant.drive_section import IDEAL, Instruments, drive_section, drive_values
+from beltcomm.plant import IDEAL, Instruments, drive_section, drive_values
 from beltcomm.recording.columns import Side
 
 #: Bodies that need no effect.  The first body of a model is the driven one.
@@ -182,6 +182,11 @@ class Model:
         -------
         Model
             A new model.
+
+        Raises
+        ------
+        UsageError
+            For a name that is no parameter.
         """
         changed = {}
         for name, value in values.items():

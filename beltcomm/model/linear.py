@@ -20,7 +20,7 @@ from beltcomm.effects import BELT_DAMPING, BELT_STIFFNESS, DRIVING_BODY, DRIVING
 from beltcomm.errors import Refused, UsageError
 from beltcomm.model import Model
 
-#: Nodes of the quadrature of :func:`equivalent_damping`; exact for a constant level, and for polynomials up to degree 31.
+#: Nodes of the quadrature of :func:`_equivalent_damping`; exact for a constant level, and for polynomials up to degree 31.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 
 #: Eigenvalues below this fraction of the largest one are the free motion of the whole axis: rounding leaves a double zero
@@ -143,6 +143,9 @@ class StateSpace:
         ----------
         freq_hz : ArrayLike, (m,)
             Above 0 and below the sampling frequency.
+        sample_period_s : float
+        delay_s : float
+            From setpoint to acting torque; any number of periods.
 
         Returns
         -------
@@ -183,7 +186,6 @@ def operating_point(model: Model, position_m: float, motor_speed_rad_s: float = 
     Parameters
     ----------
     model : Model
-        Of the axis.
     position_m : float, m
         Carriage on the axis.
     motor_speed_rad_s : float
@@ -201,14 +203,17 @@ def matrices(model: Model, point: Point, standstill: Standstill = "refuse", clos
     Parameters
     ----------
     model : Model
-        Of the axis.
     point : Point
-        Operating point.
     standstill : Standstill
         What a body with set-valued friction is at speed zero: "refuse" raises Refused; "stuck" holds it (it is then not among the bodies of
-        the result); an :class:`Oscillation` gives it the damping of :func:`equivalent_damping`.
+        the result); an :class:`Oscillation` gives it the damping of :func:`_equivalent_damping`.
     closed : float
         Share of the time in which driving end and carriage touch: 0 in the middle of a gap.
+
+    Raises
+    ------
+    Refused
+        At a standstill that is to be refused.
     """
     bodies = model.bodies()
     names = tuple(body.name for _, body in bodies)
@@ -241,7 +246,7 @@ def matrices(model: Model, point: Point, standstill: Standstill = "refuse", clos
         elif isinstance(standstill, Oscillation):
             amplitude = standstill.amplitude_rad * (1.0 if rotary else ratio)
             arguments = (point.position_m, _BEGUN_S, *values)
-            damping[i, i] += equivalent_damping(effect.law, amplitude, standstill.omega_rad_s, *arguments)
+            damping[i, i] += _equivalent_damping(effect.law, amplitude, standstill.omega_rad_s, *arguments)
         elif effect.law(0.0, point.position_m, _BEGUN_S, *values) > 0.0:
             if standstill == "refuse":
                 raise Refused(
@@ -256,7 +261,7 @@ def matrices(model: Model, point: Point, standstill: Standstill = "refuse", clos
     return Matrices(names, mass, damping, stiffness, torque, np.vstack([torque, carriage])).hold(stuck)
 
 
-def equivalent_damping(level: Callable[..., float], amplitude: float, omega_rad_s: float, *arguments: float) -> float:
+def _equivalent_damping(level: Callable[..., float], amplitude: float, omega_rad_s: float, *arguments: float) -> float:
     """Damping that dissipates as much as friction of that level in a sinusoidal motion (describing function).
 
     d = 4/(π A ω) ∫_0^1 level(A ω √(1 - s²)) ds,   for Coulomb friction F:  d = 4 F/(π A ω)
@@ -291,7 +296,6 @@ def state_space(model: Model, point: Point, standstill: Standstill = "refuse") -
     model : Model
         With any number of bodies.
     point : Point
-        Operating point.
     standstill : Standstill
         Set-valued friction at speed zero, see :func:`matrices`.
 
@@ -332,7 +336,6 @@ def sampled_response(
     model : Model
         With any number of bodies.
     point : Point
-        Operating point.
     freq_hz : ArrayLike, (m,)
         Above 0 and below the sampling frequency.
     sample_period_s : float, s
@@ -354,9 +357,7 @@ def modes(model: Model, point: Point, standstill: Standstill = "refuse", held: S
     Parameters
     ----------
     model : Model
-        Of the axis.
     point : Point
-        Operating point.
     standstill : Standstill
         As of :func:`matrices`.
     held : sequence of str

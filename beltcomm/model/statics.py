@@ -31,7 +31,7 @@ class Equilibrium:
     torque_nm: float
 
 
-def smooth_forces(model: Model, positions: ArrayLike, speeds: ArrayLike, time_s: float = 0.0) -> Array:
+def _smooth_forces(model: Model, positions: ArrayLike, speeds: ArrayLike, time_s: float = 0.0) -> Array:
     """Smooth forces on all bodies from the laws themselves, (n,), N m or N.
 
     Parameters
@@ -126,7 +126,7 @@ def equilibrium(model: Model, position_m: float) -> Equilibrium:
     jacobian = np.column_stack([-linear.K[:, free], linear.input])
     torque = 0.0
     for _ in range(3):  # elements are linear in their stretch: the first step solves, the others remove rounding
-        residual = smooth_forces(model, q, rest) + linear.input * torque
+        residual = _smooth_forces(model, q, rest) + linear.input * torque
         try:
             step = np.linalg.solve(jacobian, -residual)
         except np.linalg.LinAlgError as error:

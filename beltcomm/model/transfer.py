@@ -181,7 +181,6 @@ def two_mass(model: Model, point: Point, standstill: Standstill = "refuse") -> T
     model : Model
         Of a motor and a carriage.
     point : Point
-        Operating point.
     standstill : Standstill
         Set-valued friction at speed zero, see ``linear.matrices``.
 

@@ -28,7 +28,6 @@ def frequency(run: Gathered) -> Section:
     Parameters
     ----------
     run : Gathered
-        Everything of the run.
     """
     title = "Frequency responses"
     if run.model is None or not any(r.sidecar.experiment == "frf" for r in run.recordings):
@@ -101,7 +100,6 @@ def friction_section(run: Gathered) -> Section:
     Parameters
     ----------
     run : Gathered
-        Everything of the run.
     """
     title = "Friction"
     try:

@@ -56,7 +56,7 @@ class QuantityChange:
         return named
 
 
-def changes_of(before: Mapping[str, Quantity], now: Mapping[str, Quantity]) -> list[QuantityChange]:
+def _changes_of(before: Mapping[str, Quantity], now: Mapping[str, Quantity]) -> list[QuantityChange]:
     """All that both runs know.   The interval of b/a: relative intervals add as squares."""
     found = []
     for key, new in now.items():
@@ -93,7 +93,6 @@ def named(changes: Sequence[QuantityChange], before: Gathered, now: Gathered) ->
     changes : sequence of QuantityChange
         Of the quantities of both runs.
     before, now : Gathered
-        Everything of each run.
     """
     told = [c for c in changes if c.state in ("changed", "unsure")]
     clear = sorted(told, key=lambda c: (c.state == "unsure", -abs(c.share) / c.now.usual))
@@ -133,7 +132,6 @@ def section(before: Gathered, now: Gathered, changes: Sequence[QuantityChange]) 
     Parameters
     ----------
     before, now : Gathered
-        Everything of each run.
     changes : sequence of QuantityChange
         Of their quantities.
     """
@@ -201,6 +199,5 @@ def compared(before: Gathered, now: Gathered) -> list[QuantityChange]:
     Parameters
     ----------
     before, now : Gathered
-        Everything of each run.
     """
-    return changes_of(*(quantities_of(run.model, run.results, run.folder.terms) for run in (before, now)))
+    return _changes_of(*(quantities_of(run.model, run.results, run.folder.terms) for run in (before, now)))

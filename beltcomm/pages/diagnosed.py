@@ -10,7 +10,7 @@ from beltcomm.errors import BeltcommError
 from beltcomm.given import pasted
 from beltcomm.model import Model
 from beltcomm.pages.gather import Gathered
-from beltcomm.report.law import law_figure
+from beltcomm.report.overlay import law_figure
 from beltcomm.report.page import PageTable, Paragraphs, Picture, Section, picture_of
 from beltcomm.report.style import Caption
 from beltcomm.residuals.law import law_between
@@ -29,7 +29,6 @@ def section(run: Gathered) -> Section:
     Parameters
     ----------
     run : Gathered
-        Everything of the run.
     """
     told = run.results.get("diagnosis") or {}
     added = run.rungs[-1].effects if run.rungs else ()
@@ -100,7 +99,6 @@ def cost_section(run: Gathered) -> Section:
     Parameters
     ----------
     run : Gathered
-        Everything of the run.
     """
     added = [rung for rung in run.rungs if rung.change.startswith("+")]
     if not added:

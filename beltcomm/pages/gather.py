@@ -79,7 +79,6 @@ def gathered(run: Path, talk: Talk, against: Path | None = None, *, compared: bo
     run : Path
         Of the run folder.
     talk : Talk
-        Hears progress and answers questions.
     against : Path or None
         Another run that the command names.
     compared : bool
@@ -96,7 +95,7 @@ def gathered(run: Path, talk: Talk, against: Path | None = None, *, compared: bo
     try:
         if compared:
             laboratory = open_fitted(run, talk)
-            against_records = compare(laboratory.data, laboratory.fitted)
+            against_records = compare(laboratory.data, laboratory.fitted, laboratory.band_hz)
             explainable(against_records.ratio, run)
             comparison = against_records
     except BeltcommError as problem:
@@ -122,7 +121,6 @@ def results_of(folder: RunFolder) -> dict[str, dict[str, Any]]:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
 
     Raises
     ------

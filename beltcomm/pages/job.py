@@ -11,6 +11,7 @@ import numpy as np
 
 from beltcomm.axis.terms import pictures_in
 from beltcomm.errors import UsageError
+from beltcomm.laboratory.scope import sampling_doubt
 from beltcomm.language import tr
 from beltcomm.pages import axis, changes, diagnosed, loops, model, safety, tracking
 from beltcomm.pages.gather import Gathered, gathered
@@ -18,7 +19,7 @@ from beltcomm.pages.page_file import admit_page, write_page
 from beltcomm.quantities import mm
 from beltcomm.report.page import Fact, Page, State, render
 from beltcomm.result import Result, plain
-from beltcomm.rundata.headline import MEANINGS, headline_of, next_command
+from beltcomm.rundata.headline import EXPLAINED, MEANINGS, headline_of, next_command
 from beltcomm.sentences import screens
 from beltcomm.sentences.cross_checks import sheet_lines
 from beltcomm.sentences.laboratory import error_words
@@ -96,16 +97,10 @@ def report(run: Path, *, against: Path | None = None, out: Path | None = None, t
 
 
 def _page_of(found: Gathered, before: Gathered | None = None) -> Page:
-    """The whole page.
-
-    Parameters
-    ----------
-    before : Gathered or None
-        The earlier run that it is compared with.
-    """
+    """The whole page."""
     changed = changes.compared(before, found) if before is not None else []
     first_part = [changes.section(before, found, changed)] if before is not None else []
-    sentence, state = verdict(found)
+    sentence, state = _verdict(found)
     name, drive = found.folder.axis.name, found.folder.drive
     began, made_by, serial = found.folder.began_s, found.folder.made_by, drive.get("serial_number", "")
     about = [
@@ -122,12 +117,12 @@ def _page_of(found: Gathered, before: Gathered | None = None) -> Page:
         subtitle,
         sentence,
         state,
-        facts(found),
+        _facts(found),
         _next_steps(found),
         [*first_part, *(replace(made, folded=made.key not in FIRST) for made in (part(found) for part in PARTS))],
         [f"Made by: {found.command}", *found.remarks],
         changes.named(changed, before, found) if before is not None else (),
-        warnings(found),
+        _warnings(found),
     )
 
 
@@ -154,19 +149,19 @@ def _numbers_of(found: Gathered, page: Page, before: Gathered | None = None) -> 
     }
 
 
-def verdict(run: Gathered) -> tuple[str, State]:
+def _verdict(run: Gathered) -> tuple[str, State]:
     """The headline, and what it means."""
     found = headline_of(run.folder)
     return found.text, MEANINGS[found.state]
 
 
-def warnings(run: Gathered) -> list[str]:
+def _warnings(run: Gathered) -> list[str]:
     """Notes below the headline, as the answer on a terminal has them."""
     sheets = run.laboratory.sheets if run.laboratory is not None else ()
     return screens.warnings(run.results.get(headline_of(run.folder).move or "fit") or {}, plain(list(sheets)))
 
 
-def facts(run: Gathered) -> list[Fact]:
+def _facts(run: Gathered) -> list[Fact]:
     """Tracking error, model error, margin; each says what is missing where it is not known."""
     return [_tracking(run), _model(run), _margin(run)]
 
@@ -187,12 +182,15 @@ def _model(run: Gathered) -> Fact:
     if found is None:
         return Fact(tr("Model error"), tr("not compared"), run.remarks[0] if run.remarks else "beltcomm compare says why", "note")
     _, said, style = screens.model_state(max(found.ratio, found.held_out or 0.0))
+    state: State = "good" if style == "good" else "bad"
+    if found.ratio > EXPLAINED and run.model is not None and (doubt := sampling_doubt(found.ratio, run.model, run.recordings)):
+        said, state = doubt.rstrip("."), "note"
     words = error_words((found.ratio, found.held_out), (found.plain, found.plain_held_out)).partition(", ")[2]
     return Fact(
         tr("Model error"),
         tr("{ratio:.2f} × noise", ratio=found.ratio),
         f"{said.partition(' (')[0]}; {words}",
-        "good" if style == "good" else "bad",
+        state,
     )
 
 

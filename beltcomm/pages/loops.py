@@ -61,7 +61,6 @@ def section(run: Gathered) -> Section:
     Parameters
     ----------
     run : Gathered
-        Everything of the run.
     """
     if not run.design or run.model is None:
         return Section("loops", TITLE, missing=f"No loop was designed; beltcomm design {pasted(run.place)} does.")
@@ -102,7 +101,6 @@ def gains_section(run: Gathered) -> Section:
     Parameters
     ----------
     run : Gathered
-        Everything of the run.
     """
     designed = run.design.get("parameters")
     if not designed:

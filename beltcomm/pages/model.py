@@ -32,7 +32,6 @@ def section(run: Gathered) -> Section:
     Parameters
     ----------
     run : Gathered
-        Everything of the run.
     """
     if run.model is None:
         return Section("model", "Model", missing=f"There is no model yet; beltcomm fit {pasted(run.place)} makes one.")
@@ -97,7 +96,6 @@ def error_section(run: Gathered) -> Section:
     Parameters
     ----------
     run : Gathered
-        Everything of the run.
     """
     found = run.comparison
     if found is None or run.laboratory is None:

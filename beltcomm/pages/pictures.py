@@ -41,9 +41,7 @@ def comparison_pictures(folder: RunFolder, data: Data, fitted: Fitted, found: Co
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     data : Data
-        The records.
     fitted : Fitted
         Model, fitted to the records.
     found : Comparison
@@ -77,9 +75,7 @@ def error_figures(folder: RunFolder, data: Data, fitted: Fitted, found: Comparis
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     data : Data
-        The records.
     fitted : Fitted
         Model, fitted to the records.
     found : Comparison
@@ -114,7 +110,6 @@ def change_picture(folder: RunFolder, rung: Revision, before: Comparison, after:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     rung : Revision
         Revision of the model.
     before, after : Comparison
@@ -145,7 +140,6 @@ def ladder_picture(folder: RunFolder, rungs: Sequence[Revision], command: str) -
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     rungs : sequence of Revision
         Revisions, in their order.
     command : str
@@ -165,7 +159,6 @@ def ladder_figures(folder: RunFolder, rungs: Sequence[Revision], command: str) -
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     rungs : sequence of Revision
         In their order.
     command : str
@@ -184,7 +177,6 @@ def responses_picture(folder: RunFolder, table: ResponseTable, command: str) -> 
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     table : ResponseTable
         Responses with the conditions they were measured in.
     command : str
@@ -223,7 +215,6 @@ def proof_picture(
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     design : DesignResult
         Result with its plants.
     cascade : Cascade
@@ -268,7 +259,6 @@ def friction_pictures(folder: RunFolder, found: FrictionStudy, command: str) -> 
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     found : FrictionStudy
         Sweeps, drifts and standstill.
     command : str
@@ -327,7 +317,6 @@ def ways_picture(folder: RunFolder, name: str, ways: Sequence[LoopReading], comm
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     name : str
         Of the picture.
     ways : sequence of LoopReading
@@ -373,7 +362,6 @@ def lines(folder: RunFolder, made: Sequence[str], remarks: Sequence[str]) -> lis
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     made : sequence of str
         Paths in the run folder.
     remarks : sequence of str

@@ -25,7 +25,6 @@ def section(run: Gathered) -> Section:
     Parameters
     ----------
     run : Gathered
-        Everything of the run.
     """
     title = "Plan and safety log"
     plan, lines = run.results.get(PLAN), [line for line in _journal_of(run) if not _WORK.match(line)]
@@ -112,7 +111,6 @@ def journal(run: Gathered) -> Section:
     Parameters
     ----------
     run : Gathered
-        Everything of the run.
     """
     lines = _journal_of(run)
     if not lines:

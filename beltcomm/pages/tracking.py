@@ -30,7 +30,6 @@ def section(run: Gathered) -> Section:
     Parameters
     ----------
     run : Gathered
-        Everything of the run.
     """
     title = "Tracking"
     moves = [r for r in run.recordings if f"verify_{r.name}" in run.results and r.reference_position is not None]
@@ -60,7 +59,6 @@ def last(run: Gathered) -> TrackedMove | None:
     Parameters
     ----------
     run : Gathered
-        Everything of the run.
     """
     moves = [r for r in run.recordings if f"verify_{r.name}" in run.results and r.reference_position is not None]
     return _tracked(run, moves[-1]) if moves else None

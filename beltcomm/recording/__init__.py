@@ -129,6 +129,11 @@ class Recording:
         return usual_step(self.t_s)
 
     @property
+    def duration_s(self) -> float:
+        """From the first to the last sample, s."""
+        return float(self.t_s[-1] - self.t_s[0])
+
+    @property
     def torque_unit(self) -> str:
         """Unit of torque and torque_setpoint: "N m", "N", "A" or "V"."""
         return unit_of(CHANNELS[self.side]["torque"])
@@ -270,7 +275,7 @@ class Recording:
                 constant = f"{channels[signal]} is {values[0]:.6g} {unit_of(channels[signal])} in every row"
                 if signal == "torque" or self.is_static_map:
                     raise self._fault(f"{constant}: the column is wrong; record it again")
-                most, lasts = float(np.abs(self.torque).max()), float(self.t_s[-1] - self.t_s[0])
+                most, lasts = float(np.abs(self.torque).max()), self.duration_s
                 raise NoMotion(
                     f"{self._label()}: {constant}: the axis did not move, {most:.3g} {self.torque_unit} at most in {lasts:.3g} s did not "
                     "break it away: friction, a brake or a clamp holds more. Record it again with more torque, or longer; if it did move, "

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
 
-from beltcomm.arrays import Array, BoolArray
+from beltcomm.arrays import Array, BoolArray, rms
 from beltcomm.recording.checks import running_mean, usual_step
 from beltcomm.recording.sampling import finest
 
@@ -238,4 +238,4 @@ def roughness(signal: Array) -> float:
     float
         √2 for white noise.
     """
-    return float(np.sqrt(np.mean(np.diff(signal) ** 2))) / max(float(signal.std()), 1e-300)
+    return rms(np.diff(signal)) / max(float(signal.std()), 1e-300)

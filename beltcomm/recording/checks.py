@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.arrays import Array, BoolArray, robust_deviation, runs_of
+from beltcomm.arrays import Array, BoolArray, rms, robust_deviation, runs_of
 
 #: Share of samples at the end of the torque's range from which a record counts as clipped.
 CLIPPED_SHARE = 0.02
@@ -210,7 +210,7 @@ def opposite_signs(t_s: Array, torque: Array, position: Array) -> bool:
     bool
         False where nothing can be told.
     """
-    t_s, torque, position = livelier(t_s, torque, position)
+    t_s, torque, position = _livelier(t_s, torque, position)
     works = slow_work_share(t_s, torque, position) > WORKS
     even = np.arange(t_s[0], t_s[-1], usual_step(t_s))
     torque, position = np.interp(even, t_s, torque), np.interp(even, t_s, position)
@@ -241,7 +241,7 @@ def backwards(t_s: Array, torque: Array, position: Array) -> bool:
     return slow_work_share(t_s, torque, position) < -BACKWARDS
 
 
-def livelier(t_s: Array, torque: Array, position: Array) -> tuple[Array, Array, Array]:
+def _livelier(t_s: Array, torque: Array, position: Array) -> tuple[Array, Array, Array]:
     """Of a long record the rows in a row that move most: enough to judge it, and it need not be in memory several times.
 
     Parameters
@@ -274,7 +274,7 @@ def slow_work_share(t_s: Array, torque: Array, position: Array) -> float:
     float
         -1 to 1.
     """
-    t_s, torque, position = livelier(t_s, torque, position)
+    t_s, torque, position = _livelier(t_s, torque, position)
     even = np.arange(t_s[0], t_s[-1], usual_step(t_s))
     width = max(2, round(SLOW_S / float(even[1] - even[0]))) if len(even) > 1 else 0
     if width == 0 or len(even) < 8 * width:
@@ -351,7 +351,7 @@ def rigid_inertia(t_s: Array, torque: Array, position: Array, *, weight: bool = 
     spring : bool
         Something draws the axis to one place: the position counts as well.
     """
-    t_s, torque, position = livelier(t_s, torque, position)
+    t_s, torque, position = _livelier(t_s, torque, position)
     even = np.arange(t_s[0], t_s[-1], usual_step(t_s))
     width = max(2, round(0.08 / float(even[1] - even[0]))) if len(even) > 1 else 0
     if width == 0 or len(even) < 8 * width:
@@ -374,7 +374,7 @@ def rigid_inertia(t_s: Array, torque: Array, position: Array, *, weight: bool = 
     left = force[:rows] - columns @ found
     covariance = np.linalg.pinv((columns / scale).T @ (columns / scale)) / np.outer(scale, scale)
     error = math.sqrt(8.0 * float(left @ left) / max(rows - 4, 1) * float(covariance[0, 0]))
-    accelerating = abs(float(found[0])) * float(np.sqrt(np.mean(acceleration**2)))
+    accelerating = abs(float(found[0])) * rms(acceleration)
     dissipated = float(np.mean(found[1] * speed**2 + found[2] * direction[:rows] * speed))
     return RigidInertia(float(found[0]), error, accelerating, abs(float(found[2])), dissipated)
 

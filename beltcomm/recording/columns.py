@@ -11,45 +11,28 @@ from beltcomm.quantities import in_other_unit
 
 Side = Literal["motor", "load", "ampere", "volt"]
 
-#: Column of each signal, by side.  ``force_setpoint_n``, ``current_setpoint_a`` and ``reference_velocity_m_s`` follow the
-#: pattern of the others; an offset is what was added to a controller's torque (60B2h).
+
+def _channels(effort: str, unit: str, way: str) -> Mapping[str, str]:
+    """Column of each signal, of what drives in its unit, of a way in m or an angle in rad; an offset is what was added to a controller's
+    torque (60B2h).
+    """
+    return {
+        "torque": f"{effort}_{unit}",
+        "torque_setpoint": f"{effort}_setpoint_{unit}",
+        "position": f"position_{way}",
+        "velocity": f"velocity_{way}_s",
+        "reference_position": f"reference_position_{way}",
+        "reference_velocity": f"reference_velocity_{way}_s",
+        "torque_offset": f"{effort}_offset_{unit}",
+    }
+
+
+#: Column of each signal, by side.
 CHANNELS: Final[Mapping[Side, Mapping[str, str]]] = {
-    "motor": {
-        "torque": "torque_nm",
-        "torque_setpoint": "torque_setpoint_nm",
-        "position": "position_rad",
-        "velocity": "velocity_rad_s",
-        "reference_position": "reference_position_rad",
-        "reference_velocity": "reference_velocity_rad_s",
-        "torque_offset": "torque_offset_nm",
-    },
-    "load": {
-        "torque": "force_n",
-        "torque_setpoint": "force_setpoint_n",
-        "position": "position_m",
-        "velocity": "velocity_m_s",
-        "reference_position": "reference_position_m",
-        "reference_velocity": "reference_velocity_m_s",
-        "torque_offset": "force_offset_n",
-    },
-    "ampere": {
-        "torque": "current_a",
-        "torque_setpoint": "current_setpoint_a",
-        "position": "position_rad",
-        "velocity": "velocity_rad_s",
-        "reference_position": "reference_position_rad",
-        "reference_velocity": "reference_velocity_rad_s",
-        "torque_offset": "current_offset_a",
-    },
-    "volt": {
-        "torque": "motor_voltage_v",
-        "torque_setpoint": "motor_voltage_setpoint_v",
-        "position": "position_rad",
-        "velocity": "velocity_rad_s",
-        "reference_position": "reference_position_rad",
-        "reference_velocity": "reference_velocity_rad_s",
-        "torque_offset": "motor_voltage_offset_v",
-    },
+    "motor": _channels("torque", "nm", "rad"),
+    "load": _channels("force", "n", "m"),
+    "ampere": _channels("current", "a", "rad"),
+    "volt": _channels("motor_voltage", "v", "rad"),
 }
 #: What a drive reports, in this order.
 MOTOR_COLUMNS: Final = ("t_s", *CHANNELS["motor"].values())

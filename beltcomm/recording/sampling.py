@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, rms
 
 #: Steps of the encoder, and times the position's own noise, that a step between two rows must have to be judged.
 FAST_STEPS, FAST_NOISE = 8.0, 20.0
@@ -236,10 +236,10 @@ def stamp_jitter(t_s: Array, position: Array, long_steps: NDArray[np.intp]) -> J
     uneven_t = (times[1:-1] - 0.5 * (times[:-2] + times[2:]))[sound]
     cause, seen = speed[sound] * uneven_t, (steps[1:-1] - 0.5 * (steps[:-2] + steps[2:]))[sound]
     power = float(cause @ cause)
-    rms = float(np.sqrt(np.mean(off**2)))
+    apart = rms(off)
     if power <= 0.0:
-        return Jitter(largest, rms, period, math.nan, math.inf, 0.0, 0.0)
-    bend = float(np.sqrt(np.mean((speed * (times[1:-1] - times[:-2]))[sound] ** 2)))
+        return Jitter(largest, apart, period, math.nan, math.inf, 0.0, 0.0)
+    bend = rms((speed * (times[1:-1] - times[:-2]))[sound])
     slope = float(cause @ seen) / power
     error = math.sqrt(float(np.sum(cause**2 * (seen - slope * cause) ** 2))) / power
-    return Jitter(largest, rms, period, slope, error, max(0.0, slope * float(cause @ seen) / float(seen @ seen)), bend)
+    return Jitter(largest, apart, period, slope, error, max(0.0, slope * float(cause @ seen) / float(seen @ seen)), bend)

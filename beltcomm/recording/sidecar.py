@@ -152,12 +152,12 @@ def load_sidecar(path: Path) -> tuple[Sidecar, tuple[str, ...]]:
         Naming file and key, for a file that is no YAML mapping or a value that cannot be.
     """
     try:
-        return sidecar_from_dict(read_yaml(path, DataError))
+        return _sidecar_from_dict(read_yaml(path, DataError))
     except DataError as error:
         raise error if str(path) in str(error) else DataError(f"{path}: {error}") from error
 
 
-def sidecar_from_dict(data: Mapping[str, Any]) -> tuple[Sidecar, tuple[str, ...]]:
+def _sidecar_from_dict(data: Mapping[str, Any]) -> tuple[Sidecar, tuple[str, ...]]:
     """Sidecar from a mapping; errors as of :func:`load_sidecar`.
 
     Parameters

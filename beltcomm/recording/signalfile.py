@@ -33,7 +33,6 @@ def read_columns(path: Path, numeric: Collection[str], *, torn: bool = False) ->
     Parameters
     ----------
     path : Path
-        Of the file.
     numeric : collection of str
         Names that must hold finite numbers; other columns are float64 where they hold only numbers, text else.
     torn : bool

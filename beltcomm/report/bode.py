@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
+from beltcomm.arrays import decibels
 from beltcomm.report import style
 from beltcomm.residuals.responses import ResponsePair, below
 
@@ -14,7 +15,7 @@ from beltcomm.residuals.responses import ResponsePair, below
 LINES, MOST = ("#000000", "#0072B2", "#D55E00", "#009E73"), 4
 
 
-def apart(pairs: Sequence[ResponsePair]) -> list[ResponsePair]:
+def _apart(pairs: Sequence[ResponsePair]) -> list[ResponsePair]:
     """Up to ``MOST`` responses that differ in place or amplitude, those with several periods first."""
     chosen: dict[tuple[float, float], ResponsePair] = {}
     for pair in sorted(pairs, key=lambda p: p.radius is None):
@@ -32,9 +33,8 @@ def bode_figure(pairs: Sequence[ResponsePair], landmarks: Mapping[str, float], c
     landmarks : mapping of str to float, Hz
         Lines by name.
     caption : Caption
-        Command and data.
     """
-    shown = apart(pairs)
+    shown = _apart(pairs)
     with style.styled():
         made = style.figure("Frequency response: model over measurement", 9.6, caption)
         upper, middle, lower, strip = made.subplots(4, 1, sharex=True, height_ratios=[1.7, 1.0, 1.0, 0.5])
@@ -42,9 +42,9 @@ def bode_figure(pairs: Sequence[ResponsePair], landmarks: Mapping[str, float], c
             label = f"{pair.record}, {pair.cart_m:.2f} m, ±{pair.amplitude_nm:.3f} {pair.units.force}" + (
                 " (held out)" if pair.held_out else ""
             )
-            size = 20.0 * np.log10(np.abs(pair.measured))
+            size = decibels(pair.measured)
             upper.plot(pair.freq_hz, size, ".", markersize=3.5, color=colour, label=f"measured: {label}")
-            upper.plot(pair.freq_hz, 20.0 * np.log10(np.abs(pair.model)), color=colour, linewidth=1.2, alpha=0.8)
+            upper.plot(pair.freq_hz, decibels(pair.model), color=colour, linewidth=1.2, alpha=0.8)
             middle.plot(pair.freq_hz, below(pair.measured), ".", markersize=3.5, color=colour)
             phase = below(pair.model)
             broken = np.where(np.abs(np.diff(phase, prepend=phase[0])) > 180.0, np.nan, phase)

@@ -120,7 +120,6 @@ def load_figure(found: LoadDependence, by: str, caption: Caption) -> Figure:
     by : str
         Name of the load's axis.
     caption : Caption
-        Command and data.
     """
     with styled():
         shown = figure("Friction against load", 3.9, caption)
@@ -171,7 +170,6 @@ def figures(
     found : Standstill or None
         Damping around standstill; None where none was measured.
     caption : Caption
-        Command and data.
     """
     made: dict[str, Figure] = {}
     fitted = [s for s in sweeps if s.fit is not None]
@@ -194,7 +192,6 @@ def compared_figure(runs: Sequence[tuple[str, FrictionFit]], caption: Caption) -
     runs : Sequence[tuple[str, FrictionFit]]
         Name, friction.
     caption : Caption
-        Command and data.
     """
     with styled():
         shown = figure("Friction over speed, run by run", 4.4, caption)

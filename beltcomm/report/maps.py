@@ -50,7 +50,6 @@ def maps_figure(
     sentences : sequence of str
         Below the title.
     caption : Caption
-        Command and data.
     """
     judged = [j for j in judged if len(j.white)]
     samples = gather_samples(judged)

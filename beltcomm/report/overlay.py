@@ -1,4 +1,5 @@
-"""The model laid over one record: torque over time, and what is left over in units of the noise."""
+"""The model laid over one record, torque over time and what is left over in units of the noise; the law of an effect over what a model
+without it leaves."""
 
 from __future__ import annotations
 
@@ -7,7 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from beltcomm.arrays import Array, BoolArray
+from beltcomm.laboratory.samples import Units
 from beltcomm.report import style
+from beltcomm.residuals.law import LawCurve
 from beltcomm.residuals.responses import MEAN_S, Trace, running_mean
 
 #: s: what the zoom shows of an excited record and of any other, and the window of the running rms.
@@ -34,7 +37,6 @@ def overlay_figure(trace: Trace, caption: style.Caption) -> Figure:
     trace : Trace
         Of one record.
     caption : Caption
-        Command and data.
     """
     kind = "held out" if trace.held_out else "fitted"
     with style.styled():
@@ -119,3 +121,33 @@ def _wide(values: Array) -> tuple[float, float]:
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     room = 0.15 * max(high - low, 1e-3)
     return low - room, high + 2.5 * room
+
+
+def law_figure(name: str, curve: LawCurve, units: Units, caption: style.Caption) -> Figure:
+    """Dots: what is missing, by direction; lines: the law.
+
+    Parameters
+    ----------
+    name : str
+        Of the effect, in words.
+    curve : LawCurve
+        Law, and what is missing without it.
+    units : Units
+    caption : Caption
+    """
+    unit = {"position": units.length, "speed": f"{units.length}/s", "time": "s", "angle": "rad", "torque": units.force}[curve.along]
+    with style.styled():
+        made = style.figure(f"{name}: its law over what the records show", 3.6, caption)
+        axes = made.subplots()
+        both = (
+            ("positive direction", curve.missing_forward, curve.forward, style.RESIDUAL),
+            ("negative direction", curve.missing_backward, curve.backward, style.SEVERE),
+        )
+        for words, missing, law, colour in both:
+            axes.plot(curve.x, units.factor * missing, ".", color=colour, markersize=6, label=f"measured without it, {words}")
+            axes.plot(curve.x, units.factor * law, color=colour, linewidth=1.6, label=f"law, {words}")
+        axes.axhline(0.0, color=style.FAINT, linewidth=1.0, zorder=0.5)
+        axes.set_xlabel(f"{'motor ' if curve.along in ('angle', 'torque') else ''}{curve.along} in {unit}")
+        axes.set_ylabel(f"{units.word} in {units.small}")
+        axes.legend(loc="best", fontsize=8)
+    return made

@@ -198,10 +198,10 @@ def picture_of(figure: Figure) -> Picture:
     figure.suptitle("")
     figure.supxlabel("")
     curves = curves_of(figure)  # before it is drawn, which thins them
-    return Picture(title, sentences, svg_of(figure), re.sub(r"\s{2,}", " · ", caption), curves)
+    return Picture(title, sentences, _svg_of(figure), re.sub(r"\s{2,}", " · ", caption), curves)
 
 
-def svg_of(figure: Figure) -> str:
+def _svg_of(figure: Figure) -> str:
     """A figure as SVG that scales with the page and takes its colours where they mean nothing; the same figure gives the same text."""
     figure.patch.set_alpha(0.0)
     for axes in figure.get_axes():
@@ -310,11 +310,11 @@ class Vectors(RendererSVG):
 
     def get_text_width_height_descent(self, s: str, prop: FontProperties, ismath: Any) -> tuple[float, float, float]:
         """Of a text without its line breaks, points."""
-        return measured(s, prop, ismath)
+        return _measured(s, prop, ismath)
 
 
 @lru_cache(maxsize=TEXTS)
-def measured(text: str, font: FontProperties, ismath: Any) -> tuple[float, float, float]:
+def _measured(text: str, font: FontProperties, ismath: Any) -> tuple[float, float, float]:
     """Width, height and descent, points."""
     found: tuple[float, float, float] = text_to_path.get_text_width_height_descent(text, font, ismath)
     return found

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from beltcomm.arrays import Array, ComplexArray
+from beltcomm.arrays import Array, ComplexArray, decibels
 from beltcomm.design.cascade import DesignResult
 from beltcomm.design.measured import MeasuredLoop
 from beltcomm.report import style
@@ -57,7 +57,6 @@ def proof_figure(design: DesignResult, shown: Sequence[ProvenResponse], sentence
     sentences : sequence of str
         Above the figure.
     caption : Caption
-        Command and data.
     """
     nyquist = 0.999 * math.pi / design.structure.period_s
     omega = np.geomspace(1.0, nyquist, POINTS)
@@ -121,9 +120,7 @@ def _gain(
     hz = omega / (2.0 * math.pi)
     axes.fill_between(hz, levels.min(axis=0), levels.max(axis=0), color=style.MODEL, alpha=0.35, linewidth=0.0, label="model: band of them")
     for k, (one, loop) in enumerate(zip(shown, measured, strict=True)):
-        axes.plot(
-            one.loop.freq_hz, 20.0 * np.log10(np.abs(loop)), _marker(k), color=_colour(k), markersize=3.0, label=f"measured: {one.label}"
-        )
+        axes.plot(one.loop.freq_hz, decibels(loop), _marker(k), color=_colour(k), markersize=3.0, label=f"measured: {one.label}")
     axes.axhline(0.0, color=style.FAINT, linewidth=1.2, zorder=0.5)
     _over_frequency(axes, hz[-1])
     axes.tick_params(labelbottom=False)
@@ -216,7 +213,6 @@ def sensitivity_figure(design: DesignResult, caption: style.Caption) -> Figure:
     design : DesignResult
         Result with its plants and specification.
     caption : Caption
-        Command and data.
     """
     omega = np.geomspace(LOWEST_RAD_S, 0.999 * math.pi / design.structure.period_s, SENSITIVITY_POINTS)
     pairs = [design.open_loops(i, omega) for i in range(len(design.plants))]
@@ -226,7 +222,7 @@ def sensitivity_figure(design: DesignResult, caption: style.Caption) -> Figure:
         for axes, name, loops in zip(
             made.subplots(1, 2, sharey=True), ("velocity loop", "position loop"), zip(*pairs, strict=True), strict=True
         ):
-            level = -20.0 * np.log10(np.abs(1.0 + np.array(loops)))
+            level = -decibels(1.0 + np.array(loops))
             worst = int(np.argmax(level.max(axis=1)))
             axes.fill_between(hz, level.min(axis=0), level.max(axis=0), color=style.MODEL, alpha=0.35, linewidth=0.0, label="all variants")
             axes.plot(hz, level[worst], color=style.MEASURED, linewidth=1.2, label=f"worst: {level.max():.1f} dB")

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, decibels
 from beltcomm.identify.landmarks import Landmark, Landmarks
 from beltcomm.identify.magnitude_fit import LARGEST_NOISE
 from beltcomm.identify.smooth_response import SmoothResponse
@@ -49,7 +49,6 @@ def responses_figure(
     sentences : sequence of str
         Below the title.
     caption : Caption
-        Command and data.
     models : Sequence[SmoothResponse or None]
         For each the model's curve with its band, drawn over the measured magnitude; none where there is none.
     """
@@ -68,7 +67,7 @@ def responses_figure(
             if marks is not None:
                 for mark, symbol in ((marks.antiresonance, "v"), (marks.resonance, "^")):
                     _mark(below[0], k, mark, colour, symbol)
-        clear = [20.0 * np.log10(np.abs(r.h[r.error_radius() < CLEAR * np.abs(r.h)])) for _, r, _ in shown]
+        clear = [decibels(r.h[r.error_radius() < CLEAR * np.abs(r.h)]) for _, r, _ in shown]
         upper.set_ylim(min(float(np.min(c, initial=0.0)) for c in clear) - 6.0, max(float(np.max(c, initial=-60.0)) for c in clear) + 6.0)
         upper.set_ylabel("|angle/torque| in dB re 1 rad/(N m)")
         if any(models):
@@ -137,7 +136,6 @@ def ways_figure(shown: Sequence[ResponseLine], caption: style.Caption) -> Figure
     shown : sequence of ResponseLine, rad/(N m)
         One line for each way.
     caption : Caption
-        Command and data.
     """
     with style.styled():
         made = style.figure("The same axis by several ways", 8.2, caption)
@@ -148,7 +146,7 @@ def ways_figure(shown: Sequence[ResponseLine], caption: style.Caption) -> Figure
             colour = OPEN if line.opened else next(colours, style.FAINT)
             clear = found.noise < LARGEST_NOISE * np.abs(found.h)  # the phase of noise says nothing
             phase = np.where(clear, (np.degrees(np.angle(found.h)) - 10.0) % 360.0 - 350.0, np.nan)
-            upper.plot(found.freq_hz, 20.0 * np.log10(np.abs(found.h)), color=colour, linewidth=1.1, label=line.label)
+            upper.plot(found.freq_hz, decibels(found.h), color=colour, linewidth=1.1, label=line.label)
             middle.plot(found.freq_hz, phase, color=colour, linewidth=1.0)
             lower.plot(found.freq_hz, 100.0 * found.noise / np.abs(found.h), color=colour, linewidth=0.9)
         upper.set_xscale("log")
@@ -193,7 +191,6 @@ def levels_figure(shown: Sequence[Levels], caption: style.Caption) -> Figure:
     shown : sequence of Levels, rad/(N m)
         One for each record.
     caption : Caption
-        Command and data.
     """
     with style.styled():
         made = style.figure("Linear answer, distortion and noise", 4.2, caption)

@@ -60,7 +60,6 @@ def staircase_figure(rungs: Sequence[Stair], caption: style.Caption) -> Figure:
     rungs : sequence of Stair
         Revisions, in their order.
     caption : Caption
-        Command and data.
     """
     values = [r.ratio for r in rungs] + [r.held_out for r in rungs if r.held_out is not None]
     top = style.highest_shown(values)
@@ -103,7 +102,6 @@ def change_figure(change: str, records: Sequence[RecordChange], before: float, a
     before, after : float
         Error over the noise of all fitted records.
     caption : Caption
-        Command and data.
     """
     ordered = sorted(records, key=lambda r: (r.held_out, r.record))
     top = style.highest_shown([v for r in records for v in (r.before, r.after)])

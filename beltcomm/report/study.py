@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from beltcomm.arrays import Array, BoolArray
@@ -14,6 +15,8 @@ from beltcomm.report import style
 
 #: Shares of the members that an axis of values shows: one that runs away must not press all others into a line.
 SHOWN = 0.99
+#: Panels side by side at most.
+_COLUMNS = 3
 
 
 @dataclass(frozen=True)
@@ -60,15 +63,9 @@ def distribution_figure(shown: Sequence[Distributed], caption: style.Caption) ->
     shown : sequence of Distributed
         Results of all members, with their units in words.
     caption : Caption
-        Command and data.
     """
-    columns = min(len(shown), 3)
-    rows = math.ceil(len(shown) / columns)
     with style.styled():
-        made = style.figure("How many axes lie below a value", 0.4 + 2.7 * rows, caption)
-        grid = made.subplots(rows, columns, squeeze=False, sharey=True).ravel()
-        for axes in grid[len(shown) :]:
-            axes.set_axis_off()
+        made, grid = _panels("How many axes lie below a value", len(shown), 2.7, caption, sharey=True)
         for axes, one in zip(grid, shown, strict=False):
             values = np.sort(one.values)
             share = 100.0 * np.arange(1, len(values) + 1) / len(values)
@@ -76,7 +73,7 @@ def distribution_figure(shown: Sequence[Distributed], caption: style.Caption) ->
             _bound(axes.axvline, one.bound)
             _limits(axes.set_xlim, values, one.bound)
             axes.set(xlabel=one.words, ylim=(0.0, 101.0))
-        for axes in grid[::columns]:
+        for axes in grid[:: min(len(shown), _COLUMNS)]:
             axes.set_ylabel("% of the axes")
     return made
 
@@ -89,15 +86,9 @@ def drivers_figure(shown: Sequence[Against], caption: style.Caption) -> Figure:
     shown : sequence of Against
         One for each panel.
     caption : Caption
-        Command and data.
     """
-    columns = min(len(shown), 3)
-    rows = math.ceil(len(shown) / columns)
     with style.styled():
-        made = style.figure("What the results go with", 0.4 + 2.9 * rows, caption)
-        grid = made.subplots(rows, columns, squeeze=False).ravel()
-        for axes in grid[len(shown) :]:
-            axes.set_axis_off()
+        made, grid = _panels("What the results go with", len(shown), 2.9, caption)
         for axes, one in zip(grid, shown, strict=False):
             for members, colour, label in ((one.kept, style.RESIDUAL, "keep their targets"), (~one.kept, style.SEVERE, "miss one")):
                 axes.plot(one.drawn[members], one.values[members], ".", color=colour, markersize=4, label=label)
@@ -107,6 +98,17 @@ def drivers_figure(shown: Sequence[Against], caption: style.Caption) -> Figure:
             axes.set_title(one.correlation, fontsize=9, fontweight="normal")
         grid[0].legend(loc="best", fontsize=8, handletextpad=0.2)
     return made
+
+
+def _panels(title: str, number: int, row: float, caption: style.Caption, sharey: bool = False) -> tuple[Figure, Sequence[Axes]]:
+    """A figure of so many panels, each row so many inches high."""
+    columns = min(number, _COLUMNS)
+    rows = math.ceil(number / columns)
+    made = style.figure(title, 0.4 + row * rows, caption)
+    grid = made.subplots(rows, columns, squeeze=False, sharey=sharey).ravel()
+    for axes in grid[number:]:
+        axes.set_axis_off()
+    return made, list(grid)
 
 
 def _bound(draw: Callable[..., object], bound: float | None) -> None:

@@ -94,7 +94,6 @@ def figure(title: str, height: float, caption: Caption, sentences: Sequence[str]
     height : float, inches
         Without the sentences.
     caption : Caption
-        Command and data.
     sentences : sequence of str
         Below the title.
 
@@ -161,7 +160,6 @@ def numbers_at(axis: Axis, at: Sequence[float], words: Sequence[str] | None = No
     Parameters
     ----------
     axis : Axis
-        As its file states it.
     at : sequence of float
         Values with a tick.
     words : sequence of str or None

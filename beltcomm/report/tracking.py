@@ -47,7 +47,6 @@ def tracking_figure(moves: Sequence[TrackedMove], caption: style.Caption) -> Fig
     moves : sequence of TrackedMove
         m of the carriage; errors at the motor.
     caption : Caption
-        Command and data.
     """
     largest = max(1e3 * float(np.max(np.abs(m.error_m))) for m in moves)
     largest = max([largest, *(1e3 * float(np.max(np.abs(m.predicted[1]))) for m in moves if m.predicted is not None)])

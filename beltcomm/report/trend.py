@@ -56,7 +56,6 @@ def trend_figure(followed: Sequence[Followed], caption: style.Caption) -> Figure
     followed : sequence of Followed
         One for each panel.
     caption : Caption
-        Command and data.
     """
     rows = math.ceil(len(followed) / 2)
     with style.styled():
@@ -120,7 +119,6 @@ def changes_figure(bars: Sequence[Bar], before: str, now: str, caption: style.Ca
     before, now : str
         Names of the runs.
     caption : Caption
-        Command and data.
     """
     largest = max(abs(bar.change) + (bar.interval or 0.0) for bar in bars)
     end = next((e for e in ENDS if largest < 0.95 * e), ENDS[-1])

@@ -72,7 +72,6 @@ def law_between(fitted: Fitted, judged: Sequence[Judged], without: Model, grown:
     Parameters
     ----------
     fitted : Fitted
-        Model, fitted to the records.
     judged : sequence of Judged
         By the fitted model, these first.
     without : Model

@@ -38,7 +38,6 @@ class ResponsePair:
     amplitude_nm : float
         Largest torque of the excitation, as noted.
     units : Units
-        Of the axis.
     """
 
     record: str

@@ -288,7 +288,6 @@ def period_spectra(
     torque, position : ndarray, (n,)
         N m at the motor shaft and rad.
     sample_period_s : float, s
-        Sampling period.
     period_samples, first_sample : int
         Samples of a period, and where the first begins.
     t_s : ndarray (n,) or None, s
@@ -300,6 +299,11 @@ def period_spectra(
     -------
     tuple of ndarray (k,), ndarray (periods, k), ndarray (periods, k), list of str
         Frequencies, Hz; spectra û_p of the torque and ŵ_p of the speed; what was left out, in words.
+
+    Raises
+    ------
+    DataError
+        For fewer than two whole periods, and as :func:`estimate_response`.
     """
     angle, drive = _on_grid(torque, position, sample_period_s, t_s)
     if period_samples < 4 or first_sample < 0:

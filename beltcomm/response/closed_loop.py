@@ -27,7 +27,6 @@ def speed_controller(cascade: Cascade, freq_hz: Array, period_s: float) -> Compl
     Parameters
     ----------
     cascade : Cascade
-        The controller.
     freq_hz : ndarray, Hz
         Above 0.
     period_s : float, s
@@ -48,7 +47,6 @@ def feedback(cascade: Cascade, freq_hz: Array, period_s: float, loop: Loop) -> C
     Parameters
     ----------
     cascade : Cascade
-        The controller.
     freq_hz : ndarray, (k,)
         Above 0.
     period_s : float, s
@@ -76,7 +74,6 @@ def setpoint_path(cascade: Cascade, freq_hz: Array, period_s: float) -> ComplexA
     Parameters
     ----------
     cascade : Cascade
-        The controller.
     freq_hz : ndarray, (k,)
         Above 0.
     period_s : float, s

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, rms
 from beltcomm.errors import DataError
 from beltcomm.response import LEAST_EXCITATION, FrequencyResponse, period_spectra
 
@@ -45,7 +45,7 @@ class Silent:
             rad/s/(N m).
         """
         here = (self.freq_hz >= low_hz) & (self.freq_hz <= high_hz)
-        return float(np.sqrt(np.mean(self.level[here] ** 2))) if here.any() else float("nan")
+        return rms(self.level[here]) if here.any() else float("nan")
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +84,6 @@ def distortion(
     torque, position : ndarray, (n,)
         N m at the motor shaft and rad.
     sample_period_s : float, s
-        Sampling period.
     period_samples, first_sample : int
         Samples of a period, and where the first begins.
     t_s : ndarray (n,) or None, s
@@ -114,7 +113,7 @@ def distortion(
             f"{int(np.sum(excited & (number % 2 == 0)))} even lines are excited; only a multisine on odd lines separates nonlinearity from "
             "noise: record with --excitation multisine"
         )
-    typical = float(np.sqrt(np.mean(strength[excited] ** 2)))
+    typical = rms(strength[excited])
     linear = w_mean[excited] / u_mean[excited]
     where = number[excited].astype(np.float64)
     between = np.interp(number, where, linear.real) + 1j * np.interp(number, where, linear.imag)

@@ -20,7 +20,7 @@ from beltcomm.talk import Talk
 
 if TYPE_CHECKING:
     from beltcomm.api import Options
-    from beltcomm.run.predicted import MovePrediction
+    from beltcomm.run.model import MovePrediction
     from beltcomm.rundata.headline import Headline
 import shutil
 
@@ -194,7 +194,6 @@ class OpenedRun(Described):
         Parameters
         ----------
         effect : str
-            Name of the effect.
         cost : bool
             Say what not knowing it costs, in tracking error.
         pictures : bool
@@ -214,7 +213,6 @@ class OpenedRun(Described):
         Parameters
         ----------
         effect : str
-            Name of the effect.
         pictures : bool
             Pictures into ``RUN/pictures``.
 
@@ -258,7 +256,7 @@ class OpenedRun(Described):
             Gains, margins, and what binds them.
         """
         given = {"payload_kg": None if payload_kg is None else number(payload_kg, "payload_kg", "kg"), **options}
-        result: Result = _api().design(self.path, options=options_of(given), talk=self._talk)
+        result: Result = _api().design(self.path, options=_options_of(given), talk=self._talk)
         return result
 
     def predict_move(
@@ -296,7 +294,7 @@ class OpenedRun(Described):
         UsageError
             The move leaves the travel, or lacks an end or a limit.
         """
-        from beltcomm.run.predicted import predict
+        from beltcomm.run.model import predict
 
         loaded_kg = number(payload_kg, "payload_kg", "kg")
         if loaded_kg < 0.0:
@@ -325,7 +323,7 @@ class OpenedRun(Described):
         Result
             Tracking error, measured and predicted.
         """
-        result: Result = _api().verify(drive, self.path, options=options_of(options), talk=self._talk)
+        result: Result = _api().verify(drive, self.path, options=_options_of(options), talk=self._talk)
         return result
 
     def report(self, out: Place | None = None) -> Result:
@@ -368,7 +366,7 @@ def _api() -> Any:
     return api
 
 
-def options_of(given: dict[str, Any]) -> Options:
+def _options_of(given: dict[str, Any]) -> Options:
     """The options by name.
 
     Raises
@@ -390,11 +388,6 @@ def _copy_run(folder: RunFolder, to: Path) -> Path:
         The run.
     to : Path
         New folder.
-
-    Returns
-    -------
-    Path
-        The new folder.
 
     Raises
     ------

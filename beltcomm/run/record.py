@@ -70,7 +70,7 @@ class RunRecords(Described, Mapping[str, "RunRecord"]):
         rows = []
         for name in self:
             one = self._folder.recording(name)
-            seconds = "" if one.is_static_map else f"{one.t_s[-1] - one.t_s[0]:.1f}"
+            seconds = "" if one.is_static_map else f"{one.duration_s:.1f}"
             rows.append([name, one.sidecar.experiment, seconds, f"{len(one.torque)}", "yes" if one.sidecar.held_out else ""])
         return list(table(["record", "experiment", ">s", ">samples", "held out"], rows)) or ["no recordings"]
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from beltcomm.arrays import rms
 from beltcomm.control import Cascade, CascadeStructure, PrefilterKind
 from beltcomm.design.cascade import DesignResult, design_cascade, feasible_cascade
 from beltcomm.design.cautious import (
@@ -124,8 +125,8 @@ def nonlinearities(recordings: Sequence[Recording]) -> dict[str, Nonlinearity]:
         except DataError:
             continue  # too short: it serves the fit
         low, high = float(split.freq_hz[0]), float(split.freq_hz[-1])
-        linear = float(np.sqrt(np.mean(split.speed**2)))
-        noise = float(np.sqrt(np.mean(np.concatenate((split.odd.noise, split.even.noise)) ** 2)))
+        linear = rms(split.speed)
+        noise = rms(np.concatenate((split.odd.noise, split.even.noise)))
         found[recording.name] = Nonlinearity(
             split.odd.rms(low, high) / linear, split.even.rms(low, high) / linear, noise / linear, low, high
         )
@@ -153,7 +154,6 @@ def dead_time_of(recordings: Sequence[Recording], highest_hz: float) -> DeadTime
     Parameters
     ----------
     recordings : sequence of Recording
-        Of a run.
     highest_hz : float, Hz
         Up to which lines count.
 
@@ -177,7 +177,6 @@ def friction_of(recordings: Sequence[Recording], slowest_rad_s: float = 0.0, ine
     Parameters
     ----------
     recordings : sequence of Recording
-        Of a run.
     slowest_rad_s : float
         Slower passes are shown and not fitted.
     inertia_kg_m2 : float
@@ -252,7 +251,6 @@ def design_plants(
     Parameters
     ----------
     model : Model
-        Of the axis.
     positions_m : sequence of float, m
         Carriage on the axis.
     masses_kg : sequence of float, kg
@@ -302,9 +300,7 @@ def design(
     Parameters
     ----------
     model : Model
-        Of the axis.
     structure : CascadeStructure
-        Of the drive's loops.
     positions_m : sequence of float, m
         Carriage on the axis.
     masses_kg : sequence of float, kg
@@ -355,9 +351,7 @@ def first_loop(
     Parameters
     ----------
     model : Model
-        Of the axis.
     structure : CascadeStructure
-        Of the drive's loops.
     position_m : float, m
         Carriage on the axis.
     dead_time_s : float, s
@@ -390,7 +384,6 @@ def require_offered(structure: CascadeStructure, prefilter: PrefilterKind | None
     Parameters
     ----------
     structure : CascadeStructure
-        Of the drive's loops.
     prefilter : PrefilterKind or None
         None for any.
     feedforward : SentFeedforward or None
@@ -424,7 +417,6 @@ def with_feedforward(
     model : Model
         For inertia, friction and holding torque.
     structure : CascadeStructure
-        Of the drive's loops.
     dead_time_s : float, s
         Of the torque path, beside the model's own.
     kind : FeedforwardKind
@@ -491,7 +483,6 @@ def resonance_shape(model: Model, position_m: float) -> Shape:
     Parameters
     ----------
     model : Model
-        Of the axis.
     position_m : float, m
         Carriage on the axis.
 
@@ -516,7 +507,6 @@ def characteristic_hz(model: Model, position_m: float) -> tuple[float, float]:
     Parameters
     ----------
     model : Model
-        Of the axis.
     position_m : float, m
         Carriage on the axis.
 

@@ -74,9 +74,7 @@ def keep_first(folder: RunFolder, drive: Drive) -> None:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     drive : Drive
-        Connected.
     """
     if folder.load_result(FIRST) is None:
         folder.save("results", FIRST, _backup_of(drive, "the run"))
@@ -88,9 +86,7 @@ def take(folder: RunFolder, drive: Drive, before: str) -> Path:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     drive : Drive
-        Connected.
     before : str
         Command that it is taken for.
 
@@ -110,9 +106,7 @@ def renew(folder: RunFolder, drive: Drive) -> None:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     drive : Drive
-        Connected.
     """
     saved = folder.load_result(FIRST)
     if saved is not None and saved.get("objects") == [item.to_dict() | _si(saved, item) for item in drive.objects() if item.place != MODE]:
@@ -131,7 +125,6 @@ def list_backups(folder: RunFolder) -> list[Backup]:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
 
     Raises
     ------
@@ -148,7 +141,6 @@ def choose_backup(folder: RunFolder, which: str | None) -> Backup:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     which : str or None
         Name or path.
 
@@ -178,7 +170,6 @@ def read(path: Path) -> Backup:
     Parameters
     ----------
     path : Path
-        Of the file.
 
     Raises
     ------
@@ -232,7 +223,6 @@ def values_to_restore(backup: Backup, drive: Drive) -> list[ObjectValue]:
     backup : Backup
         Of this drive.
     drive : Drive
-        Connected.
 
     Raises
     ------

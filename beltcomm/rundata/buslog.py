@@ -19,7 +19,7 @@ Frame = tuple[float, int, bytes, str]
 """Time in s, identifier, data, and who sent it: "host", "node", "host rtr"."""
 
 
-def is_cyclic(identifier: int) -> bool:
+def _is_cyclic(identifier: int) -> bool:
     """SYNC, process data, heartbeat and guarding: what comes by itself, many times a second (CiA 301, table 38)."""
     return identifier == 0x80 or 0x180 <= identifier < 0x580 or identifier >= 0x700
 
@@ -41,7 +41,7 @@ class BusLog:
 
     def __call__(self, frame: Frame) -> None:
         """One more frame."""
-        kept = self._cyclic if is_cyclic(frame[1]) else self._others
+        kept = self._cyclic if _is_cyclic(frame[1]) else self._others
         self.dropped += len(kept) == kept.maxlen
         kept.append((self._count, frame))
         self._count += 1
@@ -50,13 +50,29 @@ class BusLog:
         return len(self._cyclic) + len(self._others)
 
     def lines(self, channel: str) -> Iterator[str]:
-        """The frames in their order: ``(12.345678) can0 181#0011AA``, a remote frame ``(12.345678) can0 701#R``."""
+        """The frames in their order: ``(12.345678) can0 181#0011AA``, a remote frame ``(12.345678) can0 701#R``.
+
+        Parameters
+        ----------
+        channel : str
+        """
         for _, (time_s, identifier, data, source) in sorted([*self._cyclic, *self._others], key=lambda item: item[0]):
             content = "R" if source.endswith("rtr") else data.hex().upper()
             yield f"({time_s:017.6f}) {channel} {identifier:03X}#{content}"
 
     def write(self, folder: Path, name: str, channel: str) -> Path:
         """All of it into ``NAME.log.gz``, or NAME-2 and so on when there is one already.
+
+        Parameters
+        ----------
+        folder : Path
+        name : str
+        channel : str
+
+        Returns
+        -------
+        Path
+            Of the file.
 
         Raises
         ------

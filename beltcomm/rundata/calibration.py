@@ -86,7 +86,7 @@ class Calibration:
         return lines
 
 
-def calibration_from_dict(data: Mapping[str, Any], where: Path) -> Calibration:
+def _calibration_from_dict(data: Mapping[str, Any], where: Path) -> Calibration:
     """The inverse of :meth:`Calibration.to_dict`.
 
     Raises
@@ -106,9 +106,7 @@ def recall(drive: Drive, folder: RunFolder) -> None:
     Parameters
     ----------
     drive : Drive
-        Connected.
     folder : RunFolder
-        The run folder.
 
     Raises
     ------
@@ -120,7 +118,7 @@ def recall(drive: Drive, folder: RunFolder) -> None:
     data = folder.load_result(RESULT)
     if data is None:
         return
-    known = calibration_from_dict(data, folder.file("results", RESULT))
+    known = _calibration_from_dict(data, folder.file("results", RESULT))
     drive.calibrate({name: one.value for name, one in known.units.items() if name in drive.capabilities.uncalibrated})
 
 
@@ -130,7 +128,6 @@ def unsure(folder: RunFolder) -> float:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
 
     Raises
     ------
@@ -140,11 +137,11 @@ def unsure(folder: RunFolder) -> float:
     data = folder.load_result(RESULT)
     if data is None:
         return 0.0
-    known = calibration_from_dict(data, folder.file("results", RESULT))
+    known = _calibration_from_dict(data, folder.file("results", RESULT))
     return max((one.interval / one.value for one in known.units.values()), default=0.0)
 
 
-def store_of(kind: str) -> Path:
+def _store_of(kind: str) -> Path:
     """File in which the constants of a kind of drive are kept for this user."""
     return user_data_path("beltcomm") / "calibration" / f"{kind}.yaml"
 
@@ -162,8 +159,8 @@ def calibration_of(kind: str) -> Calibration | None:
     DataError
         For a damaged file.
     """
-    path = store_of(kind)
-    return calibration_from_dict(read_yaml(path, DataError), path) if path.is_file() else None
+    path = _store_of(kind)
+    return _calibration_from_dict(read_yaml(path, DataError), path) if path.is_file() else None
 
 
 def keep_for_kind(found: Calibration) -> str:
@@ -179,7 +176,7 @@ def keep_for_kind(found: Calibration) -> str:
     str
         In words, what became of it.
     """
-    path = store_of(found.kind)
+    path = _store_of(found.kind)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_text(path, to_yaml(found.to_dict()))

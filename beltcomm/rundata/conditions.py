@@ -58,7 +58,6 @@ def condition_of(recording: Recording, ratio_m_rad: float) -> Condition:
     Parameters
     ----------
     recording : Recording
-        The record.
     ratio_m_rad : float
         i_t.
     """

@@ -151,9 +151,7 @@ def offline_move(axis: Axis, model: Model, period_s: float) -> Trajectory:
     Parameters
     ----------
     axis : Axis
-        As its file states it.
     model : Model
-        Of the axis.
     period_s : float, s
         Of the samples.
 
@@ -235,7 +233,6 @@ def cost_and_words(folder: RunFolder, before: Model, after: Model, name: str) ->
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     before : Model
         Model without the effect.
     after : Model
@@ -258,9 +255,7 @@ def with_costs(folder: RunFolder, found: Diagnosis, made: list[Revision], whole:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     found : Diagnosis
-        The diagnosis.
     made : list of Revision
         Revisions of the climb.
     whole : dict of str to Any or None

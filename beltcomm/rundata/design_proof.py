@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.special import stdtrit
 
 from beltcomm.control import Cascade
 from beltcomm.design.cascade import DesignResult
@@ -21,7 +22,7 @@ from beltcomm.fit.noise.level import torque_noise
 from beltcomm.fit.residual.segment import segments
 from beltcomm.fit.residual.whitened import squares_left, whitened_residual, with_observer
 from beltcomm.fit.torque.path import FAITHFUL, TorquePath
-from beltcomm.fit.uncertainty.remarks import joint_draws
+from beltcomm.fit.uncertainty.draws import joint_draws
 from beltcomm.identify.dead_time import DeadTime
 from beltcomm.model import Model
 from beltcomm.model.linear import describes
@@ -200,9 +201,7 @@ def grounds_of(folder: RunFolder, model: Model, revision: str, findings: Finding
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     model : Model
-        Of the axis.
     revision : str
         Of the model, "" where it is the last fit's own.
     findings : Findings
@@ -229,13 +228,13 @@ def grounds_of(folder: RunFolder, model: Model, revision: str, findings: Finding
 
 
 def _same_fit(fit: Mapping[str, Any], model: Model) -> bool:
-    """True if a saved fit is that of a model: the same parameters, and the intervals that its covariance gives."""
+    """True if a saved fit is that of a model: the same parameters, and the intervals that its covariance gives, or less by their bounds."""
     free, covariance = fit.get("free") or (), fit.get("covariance") or ()
     if not set(free) <= set(model.parameters) or {len(covariance), *map(len, covariance)} != {len(free)}:
         return False
     known = [(i, float(model.parameters[n].interval or 0.0)) for i, n in enumerate(free) if model.parameters[n].interval]
     ratios = [interval / np.sqrt(covariance[i][i]) for i, interval in known if covariance[i][i] > 0.0]
-    return bool(ratios) and max(ratios) <= SAME_SHARE * min(ratios)
+    return bool(ratios) and 1.0 / SAME_SHARE <= max(ratios) / float(stdtrit(float(fit["freedom"]), 0.975)) <= SAME_SHARE
 
 
 def prove(grounds: Grounds, design: DesignResult, cascade: Cascade, recordings: Sequence[Recording], *, seed: int = 0) -> DesignProof:
@@ -262,7 +261,7 @@ def prove(grounds: Grounds, design: DesignResult, cascade: Cascade, recordings: 
     excited = [r for r in recordings if r.sidecar.experiment == "frf"]
     measured, left_out = _on_responses(excited, cascade, design.structure.period_s, grounds.delay_s)
     conditions = tuple(condition_of(r, grounds.model["transmission.ratio"]) for r in excited if r.name in {m.record for m in measured})
-    spread, source = on_draws(grounds, cascade, design.structure.period_s, seed)
+    spread, source = _on_draws(grounds, cascade, design.structure.period_s, seed)
     contradictions, notes = _contradicting(grounds, design, cascade, excited)
     return DesignProof(
         measured,
@@ -318,7 +317,7 @@ def plant_responses(recordings: Sequence[Recording], delay_s: float) -> list[tup
     return [(name, by_setpoint.get(name, response), 0.0 if name in by_setpoint else delay_s) for name, response in by_torque.items()]
 
 
-def on_draws(grounds: Grounds, cascade: Cascade, period_s: float, seed: int) -> tuple[MarginSpread, str]:
+def _on_draws(grounds: Grounds, cascade: Cascade, period_s: float, seed: int) -> tuple[MarginSpread, str]:
     """The spread of margins over joint draws of the model's parameters and the delay, and where their uncertainty comes from."""
     model, fit = grounds.model, grounds.fit
     # A parameter that stands at a bound has no interval; the fit's covariance has it nevertheless.
@@ -389,12 +388,12 @@ def _contradicting(
             found.append(Contradiction(condition, misfit, None, None, (), holds=False))
             continue
         explained = not alone.suspect
-        holds = explained and sound(reached, design.specification.sensitivity_db)
+        holds = explained and _sound(reached, design.specification.sensitivity_db)
         found.append(Contradiction(condition, misfit, alone.model if explained else None, alone.misfit, reached, holds=holds))
     return tuple(found), ()
 
 
-def sound(reached: Sequence[Margins], sensitivity_db: float) -> bool:
+def _sound(reached: Sequence[Margins], sensitivity_db: float) -> bool:
     """True if a loop that was not designed for these plants still has what a sound one needs; the design's own margins may be passed."""
     return all(
         one.stable and one.velocity_stable and one.phase_margin_deg >= SURE_MARGIN_DEG and one.most_sensitivity_db <= sensitivity_db

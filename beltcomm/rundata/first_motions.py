@@ -41,7 +41,7 @@ class Breakaway:
         """Half the difference of the two: friction."""
         return 0.5 * (self.forward_nm + self.backward_nm)
 
-    def overcome_nm(self, inertia_kg_m2: float, ratio: float) -> float:
+    def _overcome_nm(self, inertia_kg_m2: float, ratio: float) -> float:
         """Friction that was overcome, N m, on an axis with this inertia at the motor.
 
         The torque went on rising until the carriage had moved by ``MOVED_M``:  x = i_t Ṁ t³/6J  gives by how much.
@@ -50,8 +50,20 @@ class Breakaway:
         return max(0.0, self.coulomb_nm - self.slope_nm_s * rising_s)
 
     def least_friction_nm(self, inertia_kg_m2: float, ratio: float) -> float:
-        """Lower bound of the friction in motion, N m, on an axis with this inertia at the motor; 0 when nothing is."""
-        return max(0.0, SLIDING_SHARE * self.overcome_nm(inertia_kg_m2, ratio) - abs(self.holding_nm - self.held_nm))
+        """Lower bound of the friction in motion on an axis with this inertia.
+
+        Parameters
+        ----------
+        inertia_kg_m2 : float, motor side, with carriage
+        ratio : float, m/rad
+            Carriage travel over motor angle.
+
+        Returns
+        -------
+        float, N m
+            Motor shaft; 0 when nothing is known.
+        """
+        return max(0.0, SLIDING_SHARE * self._overcome_nm(inertia_kg_m2, ratio) - abs(self.holding_nm - self.held_nm))
 
     def most_friction_nm(self, stiffness_n_m: float, inertia_kg_m2: float, ratio: float) -> float:
         """Upper bound of the friction in motion, N m; infinite where the carriage may still have stood when the motor moved.
@@ -65,7 +77,7 @@ class Breakaway:
         inertia_kg_m2, ratio : float
             Of the whole axis at the motor; i_t, m/rad.
         """
-        overcome_nm = self.overcome_nm(inertia_kg_m2, ratio)
+        overcome_nm = self._overcome_nm(inertia_kg_m2, ratio)
         return overcome_nm if ratio * stiffness_n_m * MOVED_M > overcome_nm else math.inf
 
     @property

@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 from beltcomm.errors import DataError
+from beltcomm.fit.band_error import band_of
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.loads import load_remarks
 from beltcomm.fit.records import Data
@@ -20,7 +21,7 @@ from beltcomm.laboratory.run_checks import Checked, check_run
 from beltcomm.model.mounted import carrying
 from beltcomm.outside import in_words
 from beltcomm.rundata.kept import fit_base
-from beltcomm.rundata.revisions import current_model
+from beltcomm.rundata.revisions import band_of_rungs, current_model, revisions
 from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Talk
 
@@ -41,6 +42,11 @@ class Opened:
     records: Checked
 
     @cached_property
+    def band_hz(self) -> float:
+        """Up to which the run's models are told in plain units, Hz: the narrowest of theirs, so that one has one error."""
+        return min(band_of(self.data, self.fitted.model), band_of_rungs(revisions(self.folder)))
+
+    @cached_property
     def sheets(self) -> tuple[SheetDoubt, ...]:
         """Data-sheet values that the model contradicts."""
         return doubts_of(self.fitted, self.folder.axis, self.records.recordings)
@@ -52,7 +58,6 @@ def records_of(folder: RunFolder) -> Checked:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
 
     Raises
     ------
@@ -68,7 +73,6 @@ def with_remarks_on_rest(folder: RunFolder, records: Checked) -> Checked:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     records : Checked
         Checked.
     """
@@ -81,7 +85,6 @@ def open_fitted(run: Path, talk: Talk) -> Opened:
     Parameters
     ----------
     run : Path
-        Of the run folder.
     talk : Talk
         Hears how long it takes.
 
@@ -106,7 +109,6 @@ def with_remarks_on_loads(folder: RunFolder, records: Checked, fitted: Fitted) -
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     records : Checked
         Checked, with their remarks.
     fitted : Fitted
@@ -146,9 +148,7 @@ def foretell(folder: RunFolder, talk: Talk) -> None:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     talk : Talk
-        Hears progress and answers questions.
     """
     size = sum(path.stat().st_size for path in folder.recordings_folder.glob("*.csv"))
     if size > LONG_BYTES:
@@ -180,7 +180,7 @@ class OwnLoad:
         )
 
 
-def own_loads(fitted: Fitted) -> list[OwnLoad]:
+def _own_loads(fitted: Fitted) -> list[OwnLoad]:
     """Records that clearly ask for a load of their own.
 
     With gradient g and information A of one record r, W of all, for its mass j:  Δ = -g_j/S,  fall of O = g_j²/S,
@@ -227,14 +227,9 @@ def _unit(fitted: Fitted, name: str) -> str:
 def _clearest(fitted: Fitted) -> list[str]:
     """Remark on the record that asks most clearly for a load of its own; at most one, for it shifts what the others show.
 
-    Parameters
-    ----------
-    fitted : Fitted
-        Of all records.
-
     Returns
     -------
     list of str
         One sentence or none.
     """
-    return [load.words() for load in own_loads(fitted)[:1]]
+    return [load.words() for load in _own_loads(fitted)[:1]]

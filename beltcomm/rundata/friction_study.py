@@ -44,9 +44,7 @@ def study_of(recordings: Sequence[Recording], axis: Axis, model: Model | None, f
     Parameters
     ----------
     recordings : sequence of Recording
-        Of a run.
     axis : Axis
-        As its file states it.
     model : Model or None
         Of the axis; None while none is known.
     fits : dict of str to MagnitudeFit

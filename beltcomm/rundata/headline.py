@@ -154,7 +154,6 @@ def headline_of(folder: RunFolder) -> Headline:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
 
     Returns
     -------
@@ -169,6 +168,7 @@ def headline_of(folder: RunFolder) -> Headline:
         doubt = suspect(folder, designed=False)
         parts = [tr("{name}: no move has been driven with a design of this run yet", name=name)]
         parts += [tr(UNEXPLAINED)] if doubt else []
+        parts += [tr("its model is of before {names}", names=", ".join(names))] if (names := _since(folder)) else []
         parts += [tr("the design is of an earlier model")] if _outdated(design, model) else []
         return Headline("doubt" if doubt else "open", "; ".join(parts), targets=asked)
     changed = {n: _changed(moves[n], design.get("parameters"), model) for n in moves}
@@ -213,7 +213,6 @@ def next_command(folder: RunFolder, headline: Headline, drive: str = "", *, appl
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     headline : Headline
         Of the run.
     drive : str
@@ -233,10 +232,10 @@ def next_command(folder: RunFolder, headline: Headline, drive: str = "", *, appl
     design, model = folder.load("designs", "final") if "final" in folder.names("designs") else {}, _model_of(folder)
     if suspect(folder, designed=not _outdated(design, model)):
         return NextCommand(f"beltcomm improve {run}", tr("names what the model lacks, adds it, designs again"))
-    if not design or _outdated(design, model) or (unfitted(folder) and current_revision(folder) is None):
-        return NextCommand(
-            f"beltcomm design {run}", tr("gains with margins, of the model as it is now") if design else tr("gains with margins")
-        )
+    since = bool(_since(folder))
+    if not design or _outdated(design, model) or since:
+        why = tr("gains with margins, of the model as it is now") if design else tr("gains with margins")
+        return NextCommand(f"beltcomm design {run}", tr("gains with margins, by a model of all records") if since else why)
     if headline.state in ("open", "stale"):
         return NextCommand(f"beltcomm verify {with_drive}", tr("a move that proves the gains"))
     if folder.load("results", headline.move).get(OWN):
@@ -260,7 +259,6 @@ def behind(folder: RunFolder) -> list[str]:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
 
     Returns
     -------
@@ -268,11 +266,16 @@ def behind(folder: RunFolder) -> list[str]:
         Empty where nothing is behind.
     """
     found, again = [], tr("`beltcomm design {run}` makes it anew", run=pasted(folder.path))
-    if (names := unfitted(folder)) and current_revision(folder) is None:
+    if names := _since(folder):
         found.append(tr("The run's model was not fitted to {names}, recorded since; {again}.", names=", ".join(names), again=again))
     if _outdated(folder.load("designs", "final") if "final" in folder.names("designs") else {}, _model_of(folder)):
         found.append(tr("The run's design was made from an earlier model; {again}.", again=again))
     return found
+
+
+def _since(folder: RunFolder) -> list[str]:
+    """Records since the fit of the run's model, by name; none where a revision was fitted to them."""
+    return unfitted(folder) if current_revision(folder) is None else []
 
 
 def _outdated(design: Mapping[str, Any], model: Model | None) -> bool:
@@ -285,7 +288,6 @@ def drive_of(folder: RunFolder) -> str:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
 
     Returns
     -------
@@ -301,7 +303,6 @@ def drive_called(folder: RunFolder) -> Reached | None:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
 
     Returns
     -------

@@ -35,7 +35,7 @@ from beltcomm.runfolder import RunFolder
 _MOST_SUBSTEPS = 1000
 
 
-def key_of(records: Mapping[str, str], axis: Axis) -> str:
+def _key_of(records: Mapping[str, str], axis: Axis) -> str:
     """Equal only where the same programs would fit a model to the same records.
 
     Parameters
@@ -46,7 +46,7 @@ def key_of(records: Mapping[str, str], axis: Axis) -> str:
     return _hash([dict(sorted(records.items())), axis.fingerprint(), source_hash()])
 
 
-def key_of_model(start: Model | None) -> str:
+def _key_of_model(start: Model | None) -> str:
     """Equal only for the same model; None where it follows from records and axis.
 
     Parameters
@@ -66,8 +66,8 @@ def _hash(value: Any) -> str:
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
 
 
-def store_fit(data: Data, fitted: Fitted) -> dict[str, Any] | None:
-    """Mapping for :func:`restore_fit`; None for a model with an observer, whose gains go with the way of the search.
+def _store_fit(data: Data, fitted: Fitted) -> dict[str, Any] | None:
+    """Mapping for :func:`_restore_fit`; None for a model with an observer, whose gains go with the way of the search.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def store_fit(data: Data, fitted: Fitted) -> dict[str, Any] | None:
     }
 
 
-def restore_fit(recordings: Sequence[Recording], found: Mapping[str, Any]) -> tuple[Data, Fitted]:
+def _restore_fit(recordings: Sequence[Recording], found: Mapping[str, Any]) -> tuple[Data, Fitted]:
     """The fit at its minimum: one evaluation, no search.
 
     Raises
@@ -154,17 +154,15 @@ def fit_base(folder: RunFolder, recordings: Sequence[Recording], model: Model | 
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     recordings : sequence of Recording
-        Of a run.
     model : Model or None
         One of the run's; None begins with what the axis file and the records tell.
     """
     path, fits = folder.path.joinpath(*FILE), _kept(folder, recordings)
-    if (found := fits.get(key_of_model(model))) is not None:
+    if (found := fits.get(_key_of_model(model))) is not None:
         try:
             start = model_from_dict(found["start"]) if model is None else model
-            return start, *restore_fit(recordings, found["fit"])
+            return start, *_restore_fit(recordings, found["fit"])
         except (BeltcommError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError):
             caches.damaged(path)
     from beltcomm.laboratory.diagnosis import fit_base_of  # the report mostly finds its fit, and imports no search
@@ -181,11 +179,8 @@ def keep_fit(folder: RunFolder, data: Data, fitted: Fitted, model: Model) -> Non
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     data : Data
-        The records.
     fitted : Fitted
-        Model, fitted to the records.
     model : Model
         As the run folder has it.
     """
@@ -194,9 +189,9 @@ def keep_fit(folder: RunFolder, data: Data, fitted: Fitted, model: Model) -> Non
 
 
 def _write(folder: RunFolder, recordings: Sequence[Recording], model: Model | None, start: Model, data: Data, fitted: Fitted) -> None:
-    if (fit := store_fit(data, fitted)) is None:
+    if (fit := _store_fit(data, fitted)) is None:
         return
-    own = key_of_model(model)
+    own = _key_of_model(model)
     others = [(key, kept) for key, kept in _kept(folder, recordings).items() if key != own]
     fits = dict([*others[1 - MOST :], (own, {"start": start.to_dict(), "fit": fit})])
     caches.keep(folder.path.joinpath(*FILE), _key(folder, recordings), {"fits": fits})
@@ -210,7 +205,7 @@ def _kept(folder: RunFolder, recordings: Sequence[Recording]) -> dict[str, Any]:
 
 
 def _key(folder: RunFolder, recordings: Sequence[Recording]) -> str:
-    return key_of(_hashes_of_fitted(folder, recordings), folder.axis)
+    return _key_of(_hashes_of_fitted(folder, recordings), folder.axis)
 
 
 def _hashes_of_fitted(folder: RunFolder, recordings: Sequence[Recording]) -> dict[str, str]:
@@ -224,7 +219,6 @@ def hashes(folder: RunFolder, names: Collection[str] | None = None) -> dict[str,
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     names : collection of str or None
         Of recordings; None for all.
 
@@ -276,7 +270,6 @@ def kept_or_new(folder: RunFolder, name: str, question: Sequence[object], make: 
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     name : str
         Of the answer, and of its own file among the results.
     question : sequence of object

@@ -43,7 +43,6 @@ def saved_model(folder: RunFolder) -> Model:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
 
     Raises
     ------
@@ -58,7 +57,6 @@ def trusted_revision(folder: RunFolder, revision: str = "") -> tuple[Model, str,
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     revision : str
         Name; "" for the newest.
     """
@@ -75,7 +73,6 @@ def design_model(folder: RunFolder, saved: Mapping[str, Any]) -> Model:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     saved : mapping of str to Any
         Content of ``designs/final.yaml``.
     """
@@ -95,7 +92,6 @@ def place_known(recordings: Sequence[Recording]) -> bool:
     Parameters
     ----------
     recordings : sequence of Recording
-        Of a run.
     """
     return any(r.sidecar.start_position_m is not None for r in recordings if r.sidecar.experiment == "frf")
 
@@ -111,7 +107,6 @@ def structure_of(folder: RunFolder, findings: Findings | None = None) -> Cascade
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     findings : Findings or None
         Get the remark; None for none.
     """
@@ -133,9 +128,7 @@ def cascade_of(
     saved : mapping of str to Any
         Content of ``designs/final.yaml``.
     model : Model
-        Of the axis.
     structure : CascadeStructure
-        Of the drive's loops.
     feedforward : FeedforwardKind or None
         Kind that is asked for; None for the design's own.
 
@@ -159,7 +152,6 @@ def counts_of(folder: RunFolder) -> int:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
 
     Returns
     -------
@@ -178,7 +170,7 @@ def counts_of(folder: RunFolder) -> int:
     return int(counts or 0)
 
 
-def coarser(recordings: Sequence[Recording], counts: int) -> int:
+def _coarser(recordings: Sequence[Recording], counts: int) -> int:
     """Steps per turn that all angles are whole multiples of, where they are clearly fewer than the encoder's counts; else 0."""
     step = min(smallest_step(r.position) for r in recordings)
     if not 0.0 < step < math.inf or 2.0 * math.pi / step > COARSER * counts:
@@ -197,7 +189,6 @@ def fit_run(folder: RunFolder, solver: Solver, talk: Talk, model: Model | None =
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     solver : Solver
         Of the log-magnitude fits.
     talk : Talk
@@ -216,7 +207,7 @@ def fit_run(folder: RunFolder, solver: Solver, talk: Talk, model: Model | None =
     findings.remarks += records.remarks
     if model is None:
         counts = counts_of(folder)
-        if shown := coarser(recordings, counts):
+        if shown := _coarser(recordings, counts):
             findings.remarks.append(
                 f"the angles of these records go in steps of 1/{shown} turn, those of an encoder with {counts} counts would be finer: the "
                 "counts are wrong (motor.encoder_counts_per_rev), or the angle was recorded coarser; taken as it was recorded"
@@ -243,7 +234,6 @@ def fit_for_belt_model(folder: RunFolder) -> Checked:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
 
     Raises
     ------
@@ -284,7 +274,6 @@ def estimator_settings(folder: RunFolder, tick_s: float) -> EstimatorSettings:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     tick_s : float, s
         Of the timer.
 

@@ -60,7 +60,6 @@ def proof(cascade: Cascade, trajectory: Trajectory, payloads_kg: Sequence[float]
     Parameters
     ----------
     cascade : Cascade
-        The controller.
     trajectory : Trajectory
         The move, at the carriage.
     payloads_kg : sequence of float, kg
@@ -92,7 +91,7 @@ def same_gains(one: Any, other: Any) -> bool:
         return False
 
 
-def proves(recorded: Mapping[str, Any], wanted: Mapping[str, Any]) -> bool:
+def _proves(recorded: Mapping[str, Any], wanted: Mapping[str, Any]) -> bool:
     """True if a move recorded with one :func:`proof` stands for another; one recorded without any proves nothing."""
     path, payloads = recorded.get("path"), recorded.get("further_payloads_kg")
     return (
@@ -110,13 +109,12 @@ def move_name(folder: RunFolder, wanted: Mapping[str, Any]) -> str:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     wanted : mapping of str to Any
         Gains, path, loads and way of sending that a proof needs.
     """
     number = 1
     while folder.finished(f"move_{number}") is not None:
-        if proves(folder.recording(f"move_{number}").sidecar.controller, wanted):
+        if _proves(folder.recording(f"move_{number}").sidecar.controller, wanted):
             break
         number += 1
     return f"move_{number}"
@@ -128,7 +126,6 @@ def doubts(folder: RunFolder) -> list[str]:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
 
     Raises
     ------
@@ -161,9 +158,7 @@ def admit(folder: RunFolder, talk: Talk, *, yes: bool, force: bool) -> None:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     talk : Talk
-        Hears progress and answers questions.
     yes : bool
         True for a consent given before.
     force : bool
@@ -191,7 +186,6 @@ def suspect(folder: RunFolder, *, designed: bool = True) -> bool:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     designed : bool
         The model that the design is of, where there is a design; else the present one.
     """
@@ -211,7 +205,6 @@ def error_of(folder: RunFolder, revision: str) -> float:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     revision : str
         Name; another one than those kept for the fit.
 
@@ -236,7 +229,6 @@ def move_of(folder: RunFolder, period_s: float, file: Path | None) -> Trajectory
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     period_s : float, s
         Of the drive.
     file : Path or None
@@ -264,7 +256,6 @@ def limits_of(folder: RunFolder, period_s: float) -> TrajectoryLimits:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     period_s : float, s
         Of the drive.
     """
@@ -286,7 +277,6 @@ def verified(folder: RunFolder) -> Mapping[str, Any]:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     """
     names = [name for name in folder.names("results") if name.startswith("verify_")]
     return folder.load("results", names[-1]) if names else {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 
 from beltcomm.errors import DataError, UsageError
 from beltcomm.given import pasted
-from beltcomm.laboratory.figures import PlainError
+from beltcomm.laboratory.figures import Plain, PlainError
 from beltcomm.model import Model, load_model
 from beltcomm.outside import sha256_of
 from beltcomm.recording.sidecar import load_sidecar
@@ -38,13 +39,15 @@ class Revision:
     ratio, held_out
         Error over noise.
     plain, plain_held_out : PlainError or None
-        The same in plain units, None where an earlier version made the rung.
+        The same in plain units, in the band of all rungs; None where an earlier version made the rung.
     confirmed : bool or None
         The error on held-out records fell (None: there are none, or an effect was taken out).
     command : str
         That made it.
     data : dict of str to str
         SHA-256 of every recording.
+    bands, bands_held_out : tuple of PlainError
+        ``plain`` and ``plain_held_out`` in the band that this model bears and in narrower ones; empty as before.
     cost : dict of str to Any or None
         ``of``, the effects not known, and a ``rundata.cost.Cost``; None where nobody asked for it or it cannot be said.
     """
@@ -62,6 +65,24 @@ class Revision:
     cost: Mapping[str, Any] | None = None
     plain: PlainError | None = None
     plain_held_out: PlainError | None = None
+    bands: tuple[PlainError, ...] = ()
+    bands_held_out: tuple[PlainError, ...] = ()
+
+    def up_to(self, band_hz: float) -> Plain:
+        """The error in plain units up to a band's edge.
+
+        Parameters
+        ----------
+        band_hz : float
+            Upper edge.
+
+        Returns
+        -------
+        Plain
+            On fitted and on held-out records, None where nobody noted it.
+        """
+        fitted, held = (next((one for one in bands if one.band_hz == band_hz), None) for bands in (self.bands, self.bands_held_out))
+        return fitted, held
 
     @property
     def data_hash(self) -> str:
@@ -75,7 +96,6 @@ def revisions(folder: RunFolder) -> list[Revision]:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
 
     Raises
     ------
@@ -84,12 +104,39 @@ def revisions(folder: RunFolder) -> list[Revision]:
     """
     saved = folder.load_result(LADDER) or {"revisions": []}
     unknown = {"held_out": None, "confirmed": None}
-    return [Revision(**{**unknown, **rung, "effects": tuple(rung["effects"]), **_plain_of(rung)}) for rung in saved["revisions"]]
+    rungs = saved["revisions"]
+    return _in_one_band([Revision(**{**unknown, **rung, "effects": tuple(rung["effects"]), **_plain_of(rung)}) for rung in rungs])
 
 
-def _plain_of(rung: Mapping[str, Any]) -> dict[str, PlainError | None]:
-    found = {name: rung.get(name) for name in ("plain", "plain_held_out")}
-    return {name: None if said is None else PlainError(**said) for name, said in found.items()}
+def _plain_of(rung: Mapping[str, Any]) -> dict[str, Any]:
+    own = {name: None if (said := rung.get(name)) is None else PlainError(**said) for name in ("plain", "plain_held_out")}
+    return own | {name: tuple(PlainError(**said) for said in rung.get(name) or ()) for name in ("bands", "bands_held_out")}
+
+
+def band_of_rungs(rungs: Sequence[Revision]) -> float:
+    """The band in which all rungs can be told, Hz: the widest of the one that bears least; inf where none of them was noted.
+
+    Parameters
+    ----------
+    rungs : sequence of Revision
+        Of one run.
+    """
+    return min((rung.bands[0].band_hz for rung in rungs if rung.bands), default=math.inf)
+
+
+def _in_one_band(rungs: Sequence[Revision]) -> list[Revision]:
+    """Rungs whose errors in plain units are all up to one frequency, so that they can be held against each other.
+
+    Parameters
+    ----------
+    rungs : sequence of Revision
+        Of one run.
+    """
+    band = band_of_rungs(rungs)
+    told = [rung.up_to(band) for rung in rungs]
+    return [
+        rung if plain is None else replace(rung, plain=plain, plain_held_out=held) for rung, (plain, held) in zip(rungs, told, strict=True)
+    ]
 
 
 def current_model(folder: RunFolder) -> Model | None:
@@ -98,7 +145,6 @@ def current_model(folder: RunFolder) -> Model | None:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
 
     Raises
     ------
@@ -116,7 +162,6 @@ def model_named(folder: RunFolder, name: str) -> Model:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     name : str
         Of its file in ``models/``.
 
@@ -139,7 +184,6 @@ def current_revision(folder: RunFolder) -> Revision | None:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     """
     model = current_model(folder)
     rungs = revisions(folder)
@@ -173,7 +217,6 @@ def trusted_model(folder: RunFolder) -> tuple[Model | None, str, str]:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     """
     rung = current_revision(folder)
     if rung is None:
@@ -195,16 +238,14 @@ def new_revision(
     confirmed: bool | None,
     command: str,
     when: str,
-    plain: tuple[PlainError | None, PlainError | None] = (None, None),
+    bands: Sequence[Plain] = (),
 ) -> Revision:
     """Save a model as a new rung and make it the one that counts.
 
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     model : Model
-        Of the axis.
     change : str
         "+EFFECT" or "-EFFECT", or in words.
     ratio : float
@@ -217,8 +258,8 @@ def new_revision(
         Command line, kept as provenance.
     when : str
         Date and time, kept as provenance.
-    plain : tuple of PlainError | None
-        Errors in plain units, fitted and held out.
+    bands : sequence of Plain
+        Errors in plain units, from the widest band to the narrowest.
     """
     rungs = revisions(folder)
     parent = current_revision(folder)
@@ -226,11 +267,14 @@ def new_revision(
     if rungs and (rungs[-1].parent, rungs[-1].change, rungs[-1].data, rungs[-1].command) == (above, change, data, command):
         rungs.pop()  # of this very command, cut off before its model counted
     name = _name(folder, rungs, model)
-    rung = Revision(name, above, change, model.effects, ratio, held_out, confirmed, command, when, data, None, *plain)
+    rung = Revision(name, above, change, model.effects, ratio, held_out, confirmed, command, when, data)
+    own, held = (tuple(one for one in side if one is not None) for side in (zip(*bands, strict=True) if bands else ((), ())))
+    rung = replace(rung, bands=own, bands_held_out=held)
+    rungs = _in_one_band([*rungs, rung])
     folder.save("models", name, model.to_dict())
-    folder.save("results", LADDER, {"revisions": [as_plain(r) for r in [*rungs, rung]]})
+    folder.save("results", LADDER, {"revisions": [as_plain(r) for r in rungs]})
     folder.save("models", CURRENT, model.to_dict())  # last: until then the model is the one before, and the same command goes on
-    return rung
+    return rungs[-1]
 
 
 def _name(folder: RunFolder, rungs: Sequence[Revision], model: Model) -> str:
@@ -255,7 +299,6 @@ def keep_cost(folder: RunFolder, name: str, cost: Mapping[str, Any] | None) -> N
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     name : str
         Of the revision.
     cost : mapping of str to Any or None, m
@@ -271,7 +314,6 @@ def recording_hashes(folder: RunFolder) -> dict[str, str]:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
 
     Returns
     -------
@@ -287,7 +329,6 @@ def changed_recordings(folder: RunFolder, rung: Revision) -> list[str]:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     rung : Revision
         With the hashes of its records.
 
@@ -308,7 +349,7 @@ def as_mapping(rung: Revision) -> dict[str, Any]:
     rung : Revision
         Of the run.
     """
-    return {**as_plain(rung), "data_hash": rung.data_hash}
+    return {**{key: said for key, said in as_plain(rung).items() if not key.startswith("bands")}, "data_hash": rung.data_hash}
 
 
 def unfitted(folder: RunFolder) -> list[str]:
@@ -317,7 +358,6 @@ def unfitted(folder: RunFolder) -> list[str]:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
 
     Returns
     -------

@@ -16,7 +16,6 @@ from beltcomm.fit.model_fit import ModelFit
 from beltcomm.identify.led_gains import GainFactors
 from beltcomm.result import plain
 from beltcomm.runfolder import RunFolder
-from beltcomm.verify import Verdict
 
 #: The most that a saved design may ask of a drive, SI at the motor shaft: no servo of a belt axis comes near it.
 MOST: Mapping[str, float] = {
@@ -46,7 +45,6 @@ def drive_to_dict(capabilities: Capabilities) -> dict[str, Any]:
     Parameters
     ----------
     capabilities : Capabilities
-        Of the drive.
     """
     return {**plain(capabilities), "kinds": sorted(capabilities.kinds), "torque_along": sorted(capabilities.torque_along)}
 
@@ -57,7 +55,6 @@ def stated_reading(folder: RunFolder) -> StatedReading | None:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
 
     Raises
     ------
@@ -198,7 +195,6 @@ def saved_design(folder: RunFolder) -> dict[str, Any]:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
 
     Raises
     ------
@@ -223,17 +219,6 @@ def _check_design(saved: Mapping[str, Any]) -> None:
         raise ValueError("a phase margin is no number")
 
 
-def verdict_to_dict(verdict: Verdict) -> dict[str, Any]:
-    """A verdict as ``results/verify_*.yaml`` has it.
-
-    Parameters
-    ----------
-    verdict : Verdict
-        Of a move.
-    """
-    return dict(plain(verdict))
-
-
 _LED_GAINS = "led_gains"
 
 
@@ -243,7 +228,6 @@ def led_gains_of(folder: RunFolder) -> GainFactors | None:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
 
     Raises
     ------
@@ -260,7 +244,6 @@ def keep_led_gains(folder: RunFolder, found: GainFactors) -> None:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     found : GainFactors
         With their 95 % half widths.
     """
@@ -279,7 +262,6 @@ def as_in_drive(folder: RunFolder, cascade: Cascade) -> Cascade:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     cascade : Cascade
         As it was written.
     """

@@ -80,7 +80,13 @@ class NextPlan:
         return {**found, **({"own_drive": list(self.own_drive)} if self.own_drive else {})}
 
     def lines(self, run: Path) -> list[str]:
-        """For people."""
+        """The plan for people.
+
+        Parameters
+        ----------
+        run : Path
+            Folder, for the commands.
+        """
         if not self.reasons:
             return ["Nothing more needs to be recorded: every effect of typical size would have been seen."]
         lines = ["Record next, for " + ", ".join(self.reasons) + ":"]
@@ -102,11 +108,21 @@ class NextPlan:
         return [*lines, f"The plan is {self.file(run)}; a drive runs it with: {self.command(run)}"]
 
     def file(self, run: Path) -> Path:
-        """Path of the plan in a run folder."""
+        """Path of the plan in a run folder.
+
+        Parameters
+        ----------
+        run : Path
+        """
         return run / "results" / f"{NAME}.yaml"
 
     def command(self, run: Path) -> str:
-        """Command that makes its records; nothing for a plan without a step."""
+        """Command that makes its records; nothing for a plan without a step.
+
+        Parameters
+        ----------
+        run : Path
+        """
         return f"beltcomm identify --drive DRIVE --run {pasted(run)} --plan {pasted(self.file(run))}" if self.steps else ""
 
 
@@ -133,7 +149,7 @@ def plan_for(
         Without one no step is planned: what would show it is said in words.
     """
     if twins:
-        apart = plan_apart(twins, already)
+        apart = _plan_apart(twins, already)
         return apart if belt else replace(apart, steps=(), left_out=(), own_drive=tuple(BY_OWN_DRIVE[name] for name in ("sweep", "fast")))
     reasons: dict[str, str] = {}
     by_hand: list[str] = []
@@ -157,10 +173,10 @@ def plan_for(
     return NextPlan(reasons, tuple(by_hand), tuple(s for steps, _ in chosen for s in steps), tuple(t for _, out in chosen for t in out))
 
 
-def plan_apart(twins: Sequence[str], already: Callable[[Step], str]) -> NextPlan:
+def _plan_apart(twins: Sequence[str], already: Callable[[Step], str]) -> NextPlan:
     """The experiment that separates twins, without the steps that the run has."""
     first, other = twins[0], twins[1]
-    between = discriminating_experiment(first, other)
+    between = _discriminating_experiment(first, other)
     reasons = {name: f"these data cannot tell it from {', '.join(n for n in twins if n != name)}: {between.shows}" for name in twins}
     records = enumerate(between.records, start=1)
     steps, left_out = _new_ones([checked_step(entry, f"{first} and {other}, record {number}") for number, entry in records], already)
@@ -178,7 +194,7 @@ def _new_ones(steps: Sequence[Step], already: Callable[[Step], str]) -> tuple[li
     return ([] if all(step.held_out for step in new) else new), left_out
 
 
-def discriminating_experiment(first: str, other: str) -> DiscriminatingExperiment:
+def _discriminating_experiment(first: str, other: str) -> DiscriminatingExperiment:
     """Experiment that tells two effects apart, whichever of them says so."""
     for one, two in ((first, other), (other, first)):
         said = effect_named(one).apart
@@ -254,7 +270,6 @@ def load_plan(path: Path) -> NextPlan:
     Parameters
     ----------
     path : Path
-        Of the file.
 
     Raises
     ------

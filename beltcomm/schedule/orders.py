@@ -172,7 +172,6 @@ def strokes_for(
     limits : TrajectoryLimits
         Of the carriage.
     axis : Axis
-        As its file states it.
 
     Raises
     ------

@@ -8,6 +8,18 @@ from typing import Literal, NamedTuple
 from beltcomm.schedule.steps import PLACES, QUIET, SHORT_S, SLOW_M_S, TRIANGLES_M, Step
 
 Extent = Literal["quick", "standard", "thorough"]
+#: Names of the phases of a commissioning, as shown to the user.
+TITLES = (
+    "connect and check",
+    "direction + breakaway",
+    "excitation in place, rising",
+    "frequency response here",
+    "first safe loop",
+    "strokes, responses, moves",
+    "fit and design",
+    "verification move",
+    "verdict and report",
+)
 
 
 class Item(NamedTuple):

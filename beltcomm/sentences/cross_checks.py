@@ -55,11 +55,9 @@ def cross_checked(found: Diagnosis, recordings: Sequence[Recording], axis: Axis)
     Parameters
     ----------
     found : Diagnosis
-        The diagnosis.
     recordings : sequence of Recording
         Of the diagnosis.
     axis : Axis
-        Data sheets.
     """
     model = found.final_fit.model
     places = np.concatenate([piece.motion.theta for piece in found.data.fitted]) * model["transmission.ratio"]
@@ -107,13 +105,12 @@ def sensor_lines(sensor: SecondSensor | None) -> list[str]:
     """
     if sensor is None:
         return []
-    seen = f"The sensor at the load ({sensor.column}), which no fit uses, shows an antiresonance at " + number(
-        sensor.antiresonance_hz, sensor.interval_hz, "Hz"
-    )
+    seen = f"The load by its sensor swings at {number(sensor.antiresonance_hz, sensor.interval_hz, 'Hz')}"  # what a screen has room for
+    where = f"with the motor held ({sensor.column}, which no fit uses)"
     if sensor.model_hz is None:
-        return [f"{seen}: something between motor and load gives way, and the model is one rigid body."]
+        return [f"{seen}, the model is one rigid body: something gives way between them, {where}."]
     word = "which confirms it" if sensor.confirms else "which does not agree"
-    return [f"{seen}; the model has it at {sensor.model_hz:.1f} Hz, {word}."]
+    return [f"{seen}, the model at {sensor.model_hz:.1f} Hz, {word}; {where}."]
 
 
 def sheet_lines(doubts: Sequence[SheetDoubt]) -> list[str]:
@@ -215,7 +212,6 @@ def check_lines(checks: Checks) -> list[str]:
                 "Whether they depend on the amplitude: cannot tell, the fitted records hold one amplitude. "
                 "Record the same excitation at half and at twice the torque."
             )
-    lines += sensor_lines(checks.sensor)
     for check in checks.maps:
         orders = sorted(check.orders, key=lambda order: -order.model)[:SHOWN]
         seen = ", ".join(f"{order.order:g}: {order.map:.3g} for {order.model:.3g}" for order in orders)

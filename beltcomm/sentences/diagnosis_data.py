@@ -8,15 +8,12 @@ from typing import Any
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.uncertainty.intervals import with_intervals
 from beltcomm.laboratory.diagnosis import Diagnosis
-from beltcomm.laboratory.figures import PlainError
+from beltcomm.laboratory.figures import Plain
 from beltcomm.laboratory.selection import Candidate
 from beltcomm.laboratory.visible import DetectionLimit
 from beltcomm.model import Model
 from beltcomm.result import plain
 from beltcomm.schedule.next_plan import by_hand_of
-
-#: Errors in plain units, of the fitted records and of those held out.
-Plain = tuple[PlainError | None, PlainError | None]
 
 
 def diagnosis_data(found: Diagnosis, before: Plain, after: Plain) -> dict[str, Any]:
@@ -25,7 +22,6 @@ def diagnosis_data(found: Diagnosis, before: Plain, after: Plain) -> dict[str, A
     Parameters
     ----------
     found : Diagnosis
-        The diagnosis.
     before, after : Plain
         Errors in plain units, fitted and held out.
     """
@@ -38,7 +34,7 @@ def diagnosis_data(found: Diagnosis, before: Plain, after: Plain) -> dict[str, A
             **error_data(found.published_base[1], before),
             "parameters": values_of(with_intervals(found.published_base[1])),
         },
-        "ranking": [ranked(c) for c in first],
+        "ranking": [_ranked(c) for c in first],
         "twins": list(found.twins),
         "by_hand": [entry for name in found.added_effects for entry in by_hand_of(name)],
         "steps": [
@@ -49,7 +45,7 @@ def diagnosis_data(found: Diagnosis, before: Plain, after: Plain) -> dict[str, A
                 "forms": list(step.forms),
                 "ratio": step.after.ratio,
                 "held_out": step.after.held_out_ratio,
-                "ranking": [ranked(c) for c in step.candidates],
+                "ranking": [_ranked(c) for c in step.candidates],
             }
             for step in found.steps
         ],
@@ -78,7 +74,7 @@ def error_data(fitted: Fitted, both: Plain) -> dict[str, Any]:
     }
 
 
-def ranked(candidate: Candidate) -> dict[str, Any]:
+def _ranked(candidate: Candidate) -> dict[str, Any]:
     """One line of the ranking."""
     return {
         "effect": candidate.effect.name,
@@ -99,7 +95,6 @@ def values_of(model: Model) -> dict[str, Any]:
     Parameters
     ----------
     model : Model
-        Of the axis.
     """
     return {name: {"value": v.value, "unit": v.unit, "interval": v.interval} for name, v in model.parameters.items()}
 

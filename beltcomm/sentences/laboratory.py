@@ -10,11 +10,12 @@ from beltcomm.effects import effect_named
 from beltcomm.fit.uncertainty.intervals import with_intervals
 from beltcomm.laboratory.compare import Comparison
 from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis
+from beltcomm.laboratory.figures import Plain
 from beltcomm.language import told, tr
 from beltcomm.model import Model
+from beltcomm.quantities import read_in
 from beltcomm.result import Line, table, with_unit
 from beltcomm.rundata.cost import cost_rows
-from beltcomm.sentences.diagnosis_data import Plain
 from beltcomm.sentences.ladder import candidate_rows, number_lines
 from beltcomm.sentences.screens import WIDE, model_state, state_lines, warning_lines
 
@@ -71,11 +72,10 @@ def comparison_details(comparison: Comparison, model: Model) -> list[str]:
     comparison : Comparison
         Of the model.
     model : Model
-        Of the axis.
     """
     first = comparison.plain or comparison.plain_held_out
     apart = (
-        f"{_unit(first.unit)[1]} and % up to {first.band_hz:g} Hz; x noise at all frequencies, by its own noise: no quotient."
+        f"{read_in(first.unit)[1]} and % up to {first.band_hz:g} Hz; x noise at all frequencies, by its own noise: no quotient."
         if first
         else ""
     )
@@ -90,7 +90,6 @@ def diagnosis_screen(
     Parameters
     ----------
     found : Diagnosis
-        The diagnosis.
     before, after : Plain
         Errors of the first and of the last model in plain units.
     caveats : sequence of str
@@ -147,7 +146,7 @@ def error_words(ratios: tuple[float, float | None], plain: Plain) -> str:
     (ratio, held), (whole, whole_held) = ratios, plain
     own = ""
     if whole is not None:
-        factor, unit = _unit(whole.unit)
+        factor, unit = read_in(whole.unit)
         size = with_unit(f"{factor * whole.error:.3g}", unit)
         own = tr(", {percent:.2g} % of torque ({size})", percent=whole.percent, size=size)
     theirs = "" if whole_held is None else f", {whole_held.percent:.2g} %"
@@ -168,18 +167,13 @@ def record_table(comparison: Comparison) -> tuple[list[str], list[list[str]]]:
         Titles and rows.
     """
     first = comparison.plain or comparison.plain_held_out
-    factor, unit = (1.0, "") if first is None else _unit(first.unit)
+    factor, unit = (1.0, "") if first is None else read_in(first.unit)
     titles = [">" + tr("% of torque"), f">{tr('error')} {unit}", f">{tr('noise')} {unit}"] if first is not None else []
     rows = []
     for r in comparison.records:
         own = [] if r.plain is None else [f"{r.plain.percent:.3g}", f"{factor * r.plain.error:.3g}", f"{factor * r.plain.noise:.3g}"]
         rows.append([r.name, f"{r.ratio:.2f}", *(own or [""] * len(titles)), tr("held out") if r.held_out else ""])
     return [tr("record"), ">" + tr("x noise"), *titles, ""], rows
-
-
-def _unit(unit: str) -> tuple[float, str]:
-    """Factor and unit in which what a model leaves is read: mN m for N m."""
-    return (1e3, "mN m") if unit == "N m" else (1.0, unit)
 
 
 def _labelled(label: str, text: str) -> Line:

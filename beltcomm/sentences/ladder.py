@@ -15,16 +15,16 @@ from beltcomm.fit.uncertainty.intervals import with_intervals
 from beltcomm.given import pasted
 from beltcomm.laboratory.acceptance import KNOWN, implausible_effects, undetermined_effects
 from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, structures
-from beltcomm.laboratory.figures import PlainError
+from beltcomm.laboratory.figures import Plain, PlainError
 from beltcomm.laboratory.selection import MISSING, Candidate
 from beltcomm.laboratory.visible import DetectionLimit
 from beltcomm.language import told, tr
 from beltcomm.model import Model, effect_parameters
+from beltcomm.quantities import read_in
 from beltcomm.result import Row, table, with_unit
 from beltcomm.rundata.cost import cost_rows
 from beltcomm.rundata.revisions import Revision
 from beltcomm.schedule.next_plan import families, hands_of
-from beltcomm.sentences.diagnosis_data import Plain
 
 #: Characters of the longest bar of a staircase.
 BAR = 12
@@ -70,7 +70,6 @@ def candidate_rows(found: Diagnosis, most: int, indent: str = "") -> list[Row]:
     Parameters
     ----------
     found : Diagnosis
-        The diagnosis.
     most : int
         Rows.
     indent : str
@@ -96,7 +95,6 @@ def diagnosis_lines(found: Diagnosis) -> list[str]:
     Parameters
     ----------
     found : Diagnosis
-        The diagnosis.
     """
     known = [name for name in found.base.model.effects if name not in (*BELT_BASE, *RIGID_BASE)]
     lines = [f"The model has already: {', '.join(known)}."] if known else []
@@ -108,7 +106,7 @@ def diagnosis_lines(found: Diagnosis) -> list[str]:
     ]
     model = with_intervals(found.final_fit)
     for name in found.added_effects:
-        lines += ["", *effect_lines(effect_named(name), model)]
+        lines += ["", *_effect_lines(effect_named(name), model)]
     return [*lines, ""] if lines else []
 
 
@@ -118,7 +116,6 @@ def caveats(found: Diagnosis) -> list[str]:
     Parameters
     ----------
     found : Diagnosis
-        The diagnosis.
     """
     lines, model = [], with_intervals(found.final_fit)
     if found.added_effects:
@@ -170,9 +167,7 @@ def after_diagnosis(found: Diagnosis, run: Path, planned: str = "", designs: boo
     Parameters
     ----------
     found : Diagnosis
-        The diagnosis.
     run : Path
-        Of the run folder.
     planned : str
         The command that makes the records that were planned.
     designs : bool
@@ -215,7 +210,6 @@ def sight_lines(sights: Sequence[DetectionLimit], run: Path, unnamed: Collection
     sights : sequence of DetectionLimit
         Limits of detection.
     run : Path
-        Of the run folder.
     unnamed : Collection[str]
         Effects that are not named from them, whatever they show.
     planned : bool
@@ -229,7 +223,8 @@ def sight_lines(sights: Sequence[DetectionLimit], run: Path, unnamed: Collection
         if math.isinf(sight.hardest) or _beyond_bounds(sight):
             lines.append(f"  {sight.effect.name:24} these data say nothing of it")
             continue
-        size = f" ({with_unit(f'{sight.parameter} {sight.hardest * sight.size:.2g}', sight.unit)})" if sight.unit else ""
+        factor, unit = read_in(sight.unit, max((p.high for p in sight.effect.parameters if p.name == sight.parameter), default=0.0))
+        size = f" ({with_unit(f'{sight.parameter} {_digits(factor * sight.hardest * sight.size, 2)}', unit)})" if unit else ""
         lines.append(f"  {sight.effect.name:24} only from {sight.hardest:.2g} x a typical one on{size}")
     return (
         lines if planned else [*lines, f"  `beltcomm diagnose {pasted(run)} --next` writes the plan of the records that would show them."]
@@ -256,7 +251,7 @@ def _beyond_bounds(sight: DetectionLimit) -> bool:
     return bool(highs) and sight.hardest * sight.size > highs[0]
 
 
-def effect_lines(effect: Effect, model: Model) -> list[str]:
+def _effect_lines(effect: Effect, model: Model) -> list[str]:
     """Effect, its numbers, causes and what to check."""
     lines = [f"{effect.name}: {effect.title}.", *(f"  {line}" for line in number_lines(effect, model)), *_body_lines(effect, model)]
     if effect.causes:
@@ -276,7 +271,6 @@ def number_lines(effect: Effect, model: Model) -> list[str]:
     Parameters
     ----------
     effect : Effect
-        The effect.
     model : Model
         With the effect and its intervals.
     """
@@ -288,13 +282,19 @@ def number_lines(effect: Effect, model: Model) -> list[str]:
         if item.interval is not None and item.interval > item.high - item.low > 0.0:  # a number would pretend to be one
             lines.append(f"{name}: these records do not tell it")
             continue
-        width = "" if item.interval is None else f" ± {item.interval:.2g}"
+        factor, unit = read_in(item.unit, item.high)
+        width = "" if item.interval is None else f" ± {_digits(factor * item.interval, 2)}"
         held = item.low == item.high
         bound = item.interval is None and not parameter.form and not elsewhere and not item.low < item.value < item.high
         doubt = ", as it was: no fit moves it" if held else ", at the bound of what is possible: hardly the cause" if bound else ""
-        usual = f" (its form; usual is {parameter.start:g})" if parameter.form else ""
-        lines.append(f"{with_unit(f'{name} = {item.value:.4g}{width}', item.unit)}{doubt}{usual}")
+        usual = f" (its form; usual is {factor * parameter.start:g})" if parameter.form else ""
+        lines.append(f"{with_unit(f'{name} = {_digits(factor * item.value, 4)}{width}', unit)}{doubt}{usual}")
     return lines
+
+
+def _digits(value: float, count: int) -> str:
+    """A number with so many digits, without powers of ten for a large one."""
+    return f"{value:.0f}" if 10.0**count <= abs(value) < 1e7 else f"{value:.{count}g}"
 
 
 def _body_lines(effect: Effect, model: Model) -> list[str]:
@@ -366,7 +366,6 @@ def change_lines(
     was : tuple[Fitted, Plain]
         The model before, and what it left in plain units.
     model : Model
-        Of the axis.
     after : Fitted
         Fit with the change.
     rung : Revision
@@ -374,18 +373,17 @@ def change_lines(
     notes : sequence of str
         Sentences before all else.
     run : Path
-        Of the run folder.
     beside : sequence of str
         Effects that the last diagnosis names and the model does not have yet.
     """
     lines, (before, (plain, plain_held)) = list(notes), was
-    lines.append(f"{rung.change}: error {before.ratio:.2f} → {after.ratio:.2f} times the noise{fall(plain, rung.plain, 'of the torque')}")
+    lines.append(f"{rung.change}: error {before.ratio:.2f} → {after.ratio:.2f} times the noise{_fall(plain, rung.plain, 'of the torque')}")
     if before.held_out_ratio is not None and after.held_out_ratio is not None:
-        held = fall(plain_held, rung.plain_held_out)
+        held = _fall(plain_held, rung.plain_held_out)
         lines.append(f"  on records that were not fitted {before.held_out_ratio:.2f} → {after.held_out_ratio:.2f}{held}")
     if rung.change.startswith("+"):
         for name in (word[1:] for word in rung.change.split() if word.startswith("+")):
-            lines += effect_lines(effect_named(name), model)
+            lines += _effect_lines(effect_named(name), model)
         if rung.confirmed is False:
             lines.append("Warning: not confirmed. The error on records that were not fitted did not fall; this may not be the cause.")
             lines += [f"The diagnosis names {name} beside it: `beltcomm add {name} {pasted(run)}`, then judge both." for name in beside[:1]]
@@ -401,7 +399,7 @@ def change_lines(
     return lines
 
 
-def staircase(rungs: Sequence[Revision]) -> list[Row]:
+def _staircase(rungs: Sequence[Revision]) -> list[Row]:
     """Revisions as a falling staircase down to the noise."""
     highest = max(1.0, *(rung.ratio for rung in rungs))
     rows = [
@@ -435,7 +433,9 @@ def ladder_lines(rungs: Sequence[Revision], changed: Sequence[str]) -> list[str]
     changed : sequence of str
         Names of recordings.
     """
-    lines: list[str] = [*staircase(rungs), "", "Where they come from:"]
+    first = next((rung.plain for rung in rungs if rung.bands and rung.plain is not None), None)
+    apart = [f"% of torque up to {first.band_hz:g} Hz in every row; error and held out over each model's own noise."] if first else []
+    lines: list[str] = [*_staircase(rungs), *apart, "", "Where they come from:"]
     for rung in rungs:
         lines += _provenance_lines(rung)
     if changed:
@@ -468,12 +468,11 @@ def climb_lines(made: Sequence[Revision], named: Sequence[str], held_out: bool, 
     held_out : bool
         Whether any record is.
     run : Path
-        Of the run folder.
     undetermined : Collection[str]
         Effects of which no number is known.
     """
     added = [rung for rung in made if rung.change.startswith("+")]
-    lines: list[str] = [*staircase(made)] if added else ["Nothing was added."]
+    lines: list[str] = [*_staircase(made)] if added else ["Nothing was added."]
     left = [name for name in named if not any(name in rung.effects for rung in added)]
     if left and left[0] in undetermined:
         lines.append(
@@ -490,6 +489,6 @@ def climb_lines(made: Sequence[Revision], named: Sequence[str], held_out: bool, 
     return lines
 
 
-def fall(before: PlainError | None, after: PlainError | None, of: str = "") -> str:
+def _fall(before: PlainError | None, after: PlainError | None, of: str = "") -> str:
     """By how much a plain error changes, in per cent; nothing where it is not known."""
     return "" if before is None or after is None else f", {before.percent:.3g} → {after.percent:.3g} %{of and f' {of}'}"

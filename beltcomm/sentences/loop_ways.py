@@ -76,7 +76,7 @@ class LoopReading:
         return f"{'open loop' if self.way == 'open' else self.way}, {moving}"
 
 
-def shown(recording: Recording, way: Way, model: Model) -> LoopReading:
+def _shown(recording: Recording, way: Way, model: Model) -> LoopReading:
     """A record read by one way.   Raises DataError when the response itself cannot be had."""
     response = plant_response(recording, way)
     note = recording.sidecar.excitation
@@ -174,7 +174,7 @@ def all_ways(recordings: Sequence[Recording], model: Model, first: str) -> list[
             if recording.sidecar.closed_loop and recording.name != first and own in ways_of(recording) and way != own:
                 continue  # of the others only as they were meant
             try:
-                found.append(shown(recording, way, model))
+                found.append(_shown(recording, way, model))
             except DataError:
                 continue  # a rising record has one period: it serves the fit
     return found
@@ -203,7 +203,6 @@ def lines(recording: Recording, ways: Sequence[LoopReading], slowest: float) -> 
     Parameters
     ----------
     recording : Recording
-        The record.
     ways : sequence of LoopReading
         Readings, of this and other records.
     slowest : float

@@ -19,7 +19,7 @@ from beltcomm.rundata.findings import Findings
 from beltcomm.rundata.headline import NOTED, OF, OWN, hashes_of, headline_of, next_command
 from beltcomm.rundata.kept import KEY, keep_fit
 from beltcomm.rundata.revisions import RECORDS
-from beltcomm.rundata.store import design_to_dict, fit_to_dict, verdict_to_dict
+from beltcomm.rundata.store import design_to_dict, fit_to_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import friction, screens, typed_gains, words
 from beltcomm.sentences.own_words import lines_in
@@ -32,9 +32,7 @@ def save(folder: RunFolder, findings: Findings) -> None:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     findings : Findings
-        Of a session.
     """
     model = findings.final.fit.model if findings.final is not None else None
     if findings.final is not None:
@@ -50,7 +48,7 @@ def save(folder: RunFolder, findings: Findings) -> None:
     if findings.verdict is not None:
         driven = findings.proof.get("gains") if isinstance(findings.proof, Mapping) else None
         proven = {"proof": plain(findings.proof), OF: hashes_of(driven or {}, model), **({OWN: True} if findings.own_loop else {})}
-        verdict = {**verdict_to_dict(findings.verdict), **proven, "reservations": findings.reservations, NOTED: findings.remarks}
+        verdict = {**plain(findings.verdict), **proven, "reservations": findings.reservations, NOTED: findings.remarks}
         folder.save("results", f"verify_{findings.move_name}", verdict)
 
 
@@ -73,7 +71,6 @@ def design_dict(findings: Findings) -> dict[str, Any]:
     Parameters
     ----------
     findings : Findings
-        Of a session.
     """
     if findings.design is None or findings.cascade is None:
         return {}
@@ -87,9 +84,7 @@ def data(folder: RunFolder, findings: Findings) -> dict[str, Any]:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     findings : Findings
-        Of a session.
     """
     found: dict[str, Any] = {
         "run": str(folder.path),
@@ -120,7 +115,6 @@ def model_text(findings: Findings, *, error: float | None = None, compared: bool
     Parameters
     ----------
     findings : Findings
-        Of a session.
     error : float or None
         Over the noise, as the laboratory has it; the fit's own where nothing is given.
     compared : bool
@@ -157,9 +151,7 @@ def model_screen(folder: RunFolder, findings: Findings) -> list[Line]:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     findings : Findings
-        Of a session.
     """
     final = findings.final
     if final is None:
@@ -168,7 +160,7 @@ def model_screen(folder: RunFolder, findings: Findings) -> list[Line]:
     return [
         *screens.axis_lines(final.fit.model, folder.axis.travel.middle_m, delay_s),
         *([screens.friction_line(findings.friction)] if findings.friction is not None else []),
-        screens.model_line(math.sqrt(final.fit.misfit), final.fit.suspect),
+        screens.model_line(math.sqrt(final.fit.misfit), final.fit.suspect, final.fit.judged),
         *screens.warning_lines([*screens.sheet_words(plain(list(findings.sheets))), *final.fit.remarks, *findings.remarks]),
     ]
 
@@ -179,9 +171,7 @@ def identify_text(folder: RunFolder, findings: Findings, drive: str, place_known
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     findings : Findings
-        Of a session.
     drive : str
         As for ``--drive``.
     place_known : bool
@@ -218,7 +208,6 @@ def keep_text(folder: RunFolder, text: list[str]) -> None:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     text : list of str
         Lines.
     """
@@ -260,7 +249,13 @@ class Ending:
     details: list[str]
 
     def whole(self, closing: Sequence[str]) -> list[str]:
-        """For ``verdict.txt``."""
+        """Lines of ``verdict.txt``.
+
+        Parameters
+        ----------
+        closing : sequence of str
+            Lines between screen and details.
+        """
         return [*self.screen, *closing, "", "Details:", *self.details]
 
 
@@ -270,14 +265,12 @@ def commission_text(folder: RunFolder, findings: Findings, ended: ReportWords | 
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     findings : Findings
-        Of a session.
     ended : ReportWords or None
         What the report says of the run; None where there is none yet.
     """
-    error = ended.error if ended is not None else None
     final = findings.final
+    error = ended.error if ended is not None and (final is None or final.fit.judged) else None
     typed = typed_gains.of_run(folder, findings.cascade) if findings.own_loop and findings.cascade else []
     told = {"reservations": findings.reservations, NOTED: findings.remarks}
     answer = [Line(""), *screens.headline_lines(headline_of(folder)), Line("")]
@@ -288,7 +281,7 @@ def commission_text(folder: RunFolder, findings: Findings, ended: ReportWords | 
         level = math.sqrt(final.fit.misfit) if error is None else error
         answer += [
             *screens.axis_lines(final.fit.model, folder.axis.travel.middle_m, delay_s),
-            screens.model_line(level, final.fit.suspect),
+            screens.model_line(level, final.fit.suspect, final.fit.judged),
         ]
     if findings.design is not None and findings.cascade is not None:
         answer += screens.design_screen(findings.design, findings.cascade)
@@ -316,9 +309,7 @@ def closing(folder: RunFolder, findings: Findings, drive: str, page: str = "") -
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     findings : Findings
-        Of a session.
     drive : str
         As for ``--drive``.
     page : str

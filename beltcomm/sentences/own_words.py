@@ -34,10 +34,10 @@ _VALUE = re.compile(r"-?[\d.]+(e[-+]?\d+)?( ± [\d.]+)?")
 _TEXT = re.compile(r">([^<>]+)<")
 
 
-def aligned(terms: Terms, text: str) -> str:
+def _aligned(terms: Terms, text: str) -> str:
     """A line with columns: each begins where it did, or as soon after the one before it as it can."""
     if "\n" in text:
-        return "\n".join(aligned(terms, line) for line in text.split("\n"))
+        return "\n".join(_aligned(terms, line) for line in text.split("\n"))
     made, at = "", 0
     for part in _GAP.split(text):
         if _GAP.fullmatch(part):
@@ -50,7 +50,7 @@ def aligned(terms: Terms, text: str) -> str:
 
 def _line(terms: Terms, line: Line) -> list[Line]:
     """A line of a screen; one that has become too wide for it goes on below its first text, from a gap between two columns on."""
-    made = Line(*((aligned(terms, text).ljust(len(text)) if style != "command" else text, style) for text, style in line.parts))
+    made = Line(*((_aligned(terms, text).ljust(len(text)) if style != "command" else text, style) for text, style in line.parts))
     *before, (last, style) = made.parts
     begun = sum(len(text) for text, _ in before)
     gaps = [gap for gap in _GAP.finditer(last.rstrip()) if begun + gap.start() <= WIDE]
@@ -64,7 +64,7 @@ def _table(terms: Terms, rows: Sequence[Row]) -> list[Row]:
     found = _table_in(terms, rows[0].cells, [row.cells for row in rows[1:]])
     own_cells = [found["head"], *found["rows"]] if rows[0].head else [row.cells for row in rows]
     cells = [[terms.said(cell) for cell in row] for row in own_cells]
-    texts = [aligned(terms, str(row)) for row in rows]
+    texts = [_aligned(terms, str(row)) for row in rows]
     if len(rows) > 1 and all(row and "\n" not in row for row in rows):
         indent = " " * min(len(row) - len(row.lstrip()) for row in rows)
         wide = [max(map(len, column)) for column in zip(*cells, strict=True)]
@@ -80,7 +80,6 @@ def lines_in(terms: Terms, lines: Sequence[str]) -> list[str]:
     Parameters
     ----------
     terms : Terms
-        Of the axis.
     lines : sequence of str
         In those of a belt.
     """
@@ -90,7 +89,7 @@ def lines_in(terms: Terms, lines: Sequence[str]) -> list[str]:
             made += _table(terms, [line for line in some if isinstance(line, Row)])
         else:
             for line in some:
-                made += _line(terms, line) if isinstance(line, Line) else [aligned(terms, line)]
+                made += _line(terms, line) if isinstance(line, Line) else [_aligned(terms, line)]
     return made
 
 
@@ -100,7 +99,6 @@ def text_in(terms: Terms, marked: str) -> str:
     Parameters
     ----------
     terms : Terms
-        Of the axis.
     marked : str
         Markup.
     """
@@ -113,7 +111,6 @@ def said_in(terms: Terms, value: V, *, keys: bool = False) -> V:
     Parameters
     ----------
     terms : Terms
-        Of the axis.
     value : V
         In the words of a belt.
     keys : bool
@@ -187,11 +184,22 @@ class OwnWords:
         self._talk.say(*lines_in(self._terms, lines))
 
     def detail(self, *lines: str) -> None:
-        """Said on."""
+        """Said on.
+
+        Parameters
+        ----------
+        *lines : str
+        """
         detail(self._talk, *lines_in(self._terms, lines))
 
     def found(self, name: str, value: str) -> None:
-        """Said on."""
+        """Said on.
+
+        Parameters
+        ----------
+        name : str
+        value : str
+        """
         found(self._talk, self._terms.said(name), self._terms.said(value))
 
     def confirm(self, text: str) -> bool:
@@ -199,7 +207,14 @@ class OwnWords:
         return self._talk.confirm(self._terms.said(text))
 
     def choose(self, question: str, choices: Mapping[str, str]) -> str:
-        """Asked on."""
+        """Asked on.
+
+        Parameters
+        ----------
+        question : str
+        choices : mapping of str to str
+            Words of each key.
+        """
         return choose(self._talk, self._terms.said(question), {key: self._terms.said(word) for key, word in choices.items()})
 
     def attended(self) -> bool:

@@ -116,7 +116,6 @@ def table_of(recordings: Sequence[Recording], model: Model) -> ResponseTable:
     Parameters
     ----------
     recordings : sequence of Recording
-        Of a run.
     model : Model
         Says where about antiresonance and resonance are.
     """

@@ -13,18 +13,19 @@ from typing import Any
 
 from beltcomm.control import Cascade
 from beltcomm.design.cascade import DesignResult
-from beltcomm.design.margins import Margins, bandwidths_hz, worst_of
+from beltcomm.design.margins import Margins, worst_of
 from beltcomm.errors import BeltcommError
 from beltcomm.fit.model_fit import SUSPECT_MISFIT
 from beltcomm.fit.noise.level import error_floor_words
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.language import told, tr
 from beltcomm.model import Model
-from beltcomm.quantities import in_mm, mm
+from beltcomm.quantities import in_mm, mm, three_digits
 from beltcomm.result import Line, command_lines
 from beltcomm.rundata import analyse
 from beltcomm.rundata.design_proof import DesignProof
 from beltcomm.rundata.headline import EXPLAINED, MEANINGS, NOTED, Headline, NextCommand
+from beltcomm.simulate.stopping import total_friction, total_viscous
 from beltcomm.verify import TrackingError, Verdict
 
 #: Columns of a screen; warnings that it shows.
@@ -135,25 +136,24 @@ def axis_lines(model: Model, at_m: float, delay_s: float | None = None) -> list[
     Parameters
     ----------
     model : Model
-        Of the axis.
     at_m : float, m
         Carriage on the axis.
     delay_s : float or None, s
         Of the torque path; None leaves it out.
     """
     ratio = model["transmission.ratio"]
-    coulomb = model.get("coulomb.level") / ratio + model.get("cart_friction.level")
-    viscous = model.get("viscous.damping") / ratio**2 + model.get("viscous_cart.damping")
+    coulomb, viscous = total_friction(model) / ratio, total_viscous(model) / ratio**2
     belt = f"   {tr('rigid')}" if model.rigid else ""
     if "belt_stiffness.stiffness" in model.parameters:
-        belt = f"   {tr('belt')} {_digits(model['belt_stiffness.stiffness'] / 1e3)} kN/m"
+        belt = f"   {tr('belt')} {three_digits(model['belt_stiffness.stiffness'] / 1e3)} kN/m"
     elif "belt_spans.specific_stiffness" in model.parameters:
-        belt = f"   {tr('belt')} EA {_digits(model['belt_spans.specific_stiffness'] / 1e3)} kN"
-    first = f"{tr('mass')} {_digits(model['cart.mass'])} kg{belt}   {tr('friction')} {_digits(coulomb)} N + {_digits(viscous)} N s/m"
+        belt = f"   {tr('belt')} EA {three_digits(model['belt_spans.specific_stiffness'] / 1e3)} kN"
+    friction = f"{tr('friction')} {three_digits(coulomb)} N + {three_digits(viscous)} N s/m"
+    first = f"{tr('mass')} {three_digits(model['cart.mass'])} kg{belt}   {friction}"
     second = []
     try:
         low, high = analyse.characteristic_hz(model, at_m)
-        second = [] if model.rigid else [f"{tr('antiresonance')} {_digits(low)} Hz", f"{tr('resonance')} {_digits(high)} Hz"]
+        second = [] if model.rigid else [f"{tr('antiresonance')} {three_digits(low)} Hz", f"{tr('resonance')} {three_digits(high)} Hz"]
     except BeltcommError:
         pass
     second += [f"{tr('delay')} {1e3 * delay_s:.3g} ms"] if delay_s else []
@@ -161,7 +161,7 @@ def axis_lines(model: Model, at_m: float, delay_s: float | None = None) -> list[
     return [*rows, *([Line(" " * 12, "   ".join(second))] if second else [])]
 
 
-def model_state(level: float, suspect: bool | None = None) -> tuple[str, str, str]:
+def model_state(level: float, suspect: bool | None = None, judged: bool = True) -> tuple[str, str, str]:
     """Verdict on the model against what was measured: the word of its state, a sentence, the style of both.
 
     Parameters
@@ -170,17 +170,21 @@ def model_state(level: float, suspect: bool | None = None) -> tuple[str, str, st
         Error over the noise.
     suspect : bool or None
         None judges by the level alone.
+    judged : bool
+        Of the fit: whether the level tells that nothing is missing.
     """
     if error_floor_words(level):
         return tr("NOT JUDGED"), tr("leaves {level:.2f} x the noise, less than noise can leave: not judged", level=level), "note"
     if suspect if suspect is not None else level**2 > SUSPECT_MISFIT:
         return tr("DOES NOT FIT"), tr("does NOT explain what was measured ({level:.2f} x the noise)", level=level), "bad"
+    if not judged:
+        return tr("NOT JUDGED"), tr("follows the rows ({level:.2f} x the noise); not judged between them", level=level), "note"
     if level > EXPLAINED:
         return tr("FITS IN PART"), tr("leaves {level:.2f} x the noise: something is missing", level=level), "note"
     return tr("FITS"), tr("explains everything above the noise ({level:.2f} x)", level=level), "good"
 
 
-def model_line(level: float, suspect: bool | None = None) -> Line:
+def model_line(level: float, suspect: bool | None = None, judged: bool = True) -> Line:
     """:func:`model_state` as a line of a screen.
 
     Parameters
@@ -189,13 +193,15 @@ def model_line(level: float, suspect: bool | None = None) -> Line:
         Error over the noise.
     suspect : bool or None
         None judges by the level alone.
+    judged : bool
+        As of :func:`model_state`.
     """
-    _, sentence, style = model_state(level, suspect)
+    _, sentence, style = model_state(level, suspect, judged)
     label = ("   ", ""), (f"{tr('model'):<9}", "title")
     return Line(*label, sentence.ljust(56), (tr("ok"), style)) if style == "good" else Line(*label, (sentence, style))
 
 
-def gain_lines(cascade: Cascade) -> list[Line]:
+def _gain_lines(cascade: Cascade) -> list[Line]:
     """The gains, prefilter and feedforward."""
     gains = f"Kp {cascade.kp_nm_s_rad:.3g} N m s/rad   Ki {cascade.ki_nm_rad:.3g} N m/rad   Kv {cascade.kpp_1_s:.3g} 1/s"
     filters = {
@@ -225,11 +231,16 @@ def gain_lines(cascade: Cascade) -> list[Line]:
     ]
 
 
-def loop_lines(margins: Sequence[Margins], binding: Sequence[str]) -> list[Line]:
+def _loop_lines(margins: Sequence[Margins], binding: Sequence[str]) -> list[Line]:
     """Bandwidths (crossovers: in motion, and with the friction at rest) with what limits them; margins, of all variants the worst."""
     worst = worst_of(margins)
-    (still, velocity), (resting, position) = bandwidths_hz(margins)
-    first = f"{tr('bandwidth')}: {tr('velocity')} {_digits(velocity)} Hz, {tr('position')} {_digits(position)} Hz"
+    velocity, position, still, resting = (
+        worst.bandwidth_hz,
+        worst.position_bandwidth_hz,
+        worst.bandwidth_at_rest_hz,
+        worst.position_bandwidth_at_rest_hz,
+    )
+    first = f"{tr('bandwidth')}: {tr('velocity')} {three_digits(velocity)} Hz, {tr('position')} {three_digits(position)} Hz"
     if (still, resting) != (velocity, position):
         first += " " + tr("(at rest {velocity}, {position})", velocity=f"{still:.2g}", position=f"{resting:.2g}")
     told = f"{worst.gain_margin_db:.3g} dB" if math.isfinite(worst.gain_margin_db) else tr("unlimited")
@@ -249,8 +260,8 @@ def friction_line(friction: FrictionFit) -> Line:
         Of the sweep.
     """
     coulomb, viscous = friction.coulomb, friction.viscous
-    text = f"Coulomb {_digits(1e3 * coulomb.value)}{_half(coulomb.interval)} mN m   "
-    text += f"{tr('viscous')} {_digits(1e3 * viscous.value)}{_half(viscous.interval)} mN m s/rad"
+    text = f"Coulomb {three_digits(1e3 * coulomb.value)}{_half(coulomb.interval)} mN m   "
+    text += f"{tr('viscous')} {three_digits(1e3 * viscous.value)}{_half(viscous.interval)} mN m s/rad"
     return Line("   ", (f"{tr('friction'):<9}", "title"), text)
 
 
@@ -268,7 +279,7 @@ def design_screen(design: DesignResult, cascade: Cascade) -> list[Line]:
     cascade : Cascade
         That was designed.
     """
-    return [*gain_lines(cascade), *loop_lines(design.margins, design.binding)]
+    return [*_gain_lines(cascade), *_loop_lines(design.margins, design.binding)]
 
 
 def proof_lines(proof: DesignProof) -> list[Line]:
@@ -347,12 +358,3 @@ def next_lines(step: NextCommand) -> list[Line]:
 def _limit(reason: str) -> str:
     """Binding limit without its value: ``velocity phase margin``."""
     return tr(re.split(r" -?[\d.]", reason.partition(" (")[0])[0])
-
-
-def _digits(value: float) -> str:
-    """Three digits, without powers of ten."""
-    if not math.isfinite(value):
-        return "-"
-    if value and abs(value) < 1e-3:
-        return f"{value:.1g}" if abs(value) >= 1e-4 else "0"
-    return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"

@@ -72,10 +72,10 @@ def path_lines(path: TorquePath | None, sample_s: float) -> list[str]:
     """
     if path is None:
         return []
-    said = words_of(path, sample_s)
+    said = _words_of(path, sample_s)
     lines = [said] if said else []
     if path.rivals:
-        every = dict.fromkeys(words_of(rival, sample_s) or "a plain delay" for rival in path.rivals)
+        every = dict.fromkeys(_words_of(rival, sample_s) or "a plain delay" for rival in path.rivals)
         others = " or ".join(list(every)[:MOST_RIVALS])
         lines.append(
             f"the records do not tell whether {said or 'it is a plain delay'} or {others}; one excited louder, at a higher frequency, would"
@@ -107,7 +107,7 @@ def whole_sentences(lines: Sequence[str]) -> list[str]:
     return [f"{line[0].upper()}{line[1:]}." for line in lines]
 
 
-def words_of(path: TorquePath, sample_s: float) -> str:
+def _words_of(path: TorquePath, sample_s: float) -> str:
     """Parts of a path that are not ideal; "" for none."""
     drive = [] if path.drive is None else _drive_words(path.drive, sample_s)
     if path.commanded:

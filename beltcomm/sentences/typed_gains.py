@@ -48,7 +48,6 @@ def of_run(folder: RunFolder, cascade: Cascade) -> list[str]:
     Parameters
     ----------
     folder : RunFolder
-        The run folder.
     cascade : Cascade
         That was designed.
     """

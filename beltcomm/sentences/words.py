@@ -14,10 +14,11 @@ from beltcomm.fit.noise.level import error_floor_words
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.magnitude_fit import MagnitudeFit
 from beltcomm.model import Model
-from beltcomm.quantities import in_mm, mm
+from beltcomm.quantities import in_mm, mm, read_in
 from beltcomm.rundata.analyse import Characteristic, Nonlinearity
 from beltcomm.verify import Demand, Verdict
 
+_TORQUE, _DAMPING = (read_in(unit)[::-1] for unit in ("N m", "N m s/rad"))
 #: Name in the model -> words, unit shown, factor.
 SHOWN = {
     "motor.inertia": ("motor-side inertia", "kg cm²", 1e4),
@@ -26,19 +27,19 @@ SHOWN = {
     "belt_spans.specific_stiffness": ("belt specific stiffness EA", "kN", 1e-3),
     "belt_spans.offset": ("free belt at position 0", "mm", 1e3),
     "belt_damping.damping": ("belt damping", "N s/m", 1.0),
-    "viscous.damping": ("viscous friction, motor", "mN m s/rad", 1e3),
+    "viscous.damping": ("viscous friction, motor", *_DAMPING),
     "viscous_cart.damping": ("viscous friction, carriage", "N s/m", 1.0),
-    "coulomb.level": ("Coulomb friction, motor", "mN m", 1e3),
+    "coulomb.level": ("Coulomb friction, motor", *_TORQUE),
     "cart_friction.level": ("Coulomb friction, carriage", "N", 1.0),
     "dead_time.time": ("dead time, reported torque to motion", "ms", 1e3),
-    "constant_offset.torque": ("constant torque: tilt, friction by direction, current offset", "mN m", 1e3),
+    "constant_offset.torque": ("constant torque: tilt, friction by direction, current offset", *_TORQUE),
 }
 #: The same of what follows from a model.
 DERIVED = {
     "resonance": ("resonance", "Hz", 1.0),
     "antiresonance": ("antiresonance", "Hz", 1.0),
-    "coulomb_total": ("Coulomb friction, all, at the motor", "mN m", 1e3),
-    "viscous_total": ("viscous friction, all, at the motor", "mN m s/rad", 1e3),
+    "coulomb_total": ("Coulomb friction, all, at the motor", *_TORQUE),
+    "viscous_total": ("viscous friction, all, at the motor", *_DAMPING),
 }
 
 
@@ -89,9 +90,8 @@ def model_lines(fit: ModelFit, characteristics: Mapping[str, Characteristic], er
             lines.append(f"  {words:36} {number(item2.value * factor, item2.interval * factor, unit)}")
     level = math.sqrt(fit.misfit) if error is None else error
     doubt = error_floor_words(level)
-    lines.append(
-        f"  unexplained torque is {level:.2f} x the noise ({1e3 * fit.noise_nm:.1f} mN m){'' if doubt else '; 1.00: nothing is missing'}"
-    )
+    meaning = "" if doubt else "; 1.00: nothing is missing" if fit.judged else "; between the rows nothing is judged"
+    lines.append(f"  unexplained torque is {level:.2f} x the noise ({1e3 * fit.noise_nm:.1f} mN m){meaning}")
     lines += [f"  {doubt}"] if doubt else []
     if level > 1.3:
         lines.append("  the model does not explain everything that was measured: look at the recordings before trusting it")
@@ -201,7 +201,6 @@ def knowledge_lines(model: Model, along: Sequence[str], which: str) -> list[str]
     Parameters
     ----------
     model : Model
-        Of the axis.
     along : sequence of str
         Effects whose torque is sent along.
     which : str

@@ -38,7 +38,6 @@ def exact_record(model: Model, start: Array, torque: Array, period_s: float) -> 
     Parameters
     ----------
     model : Model
-        Of the axis.
     start : ndarray (2 bodies,)
         Positions and speeds.
     torque : ndarray (n,), N m, motor shaft
@@ -74,12 +73,12 @@ class _Case:
 @lru_cache(maxsize=64)
 def _prepare(case: _Case) -> tuple[LinearAxis, int, Tables]:
     """Equations of motion, pieces of a period, tables; kept, since the same axis is often simulated under many torques."""
-    axis, rate = linear_axis(case.model)
+    axis, rate = _linear_axis(case.model)
     pieces = max(1, math.ceil(rate * case.period_s / REACH))
-    return axis, pieces, tables(axis, case.period_s / pieces)
+    return axis, pieces, _tables(axis, case.period_s / pieces)
 
 
-def linear_axis(model: Model) -> tuple[LinearAxis, float]:
+def _linear_axis(model: Model) -> tuple[LinearAxis, float]:
     """The equations of motion, and a rate that none of its motions exceeds, 1/s."""
     moving = matrices(model, operating_point(model, 0.0, 1.0))
     constant, level, belt = np.zeros((3, len(moving.bodies)))
@@ -105,7 +104,7 @@ def linear_axis(model: Model) -> tuple[LinearAxis, float]:
     return LinearAxis(1.0 / inertia, smooth, constant, level, np.flatnonzero(level > 0.0), belt, cart, lever), rate
 
 
-def tables(axis: LinearAxis, piece_s: float) -> Tables:
+def _tables(axis: LinearAxis, piece_s: float) -> Tables:
     """Tables for pieces of ``piece_s``: a watched row c gives c A^(k-1) piece_s^k/k!.
 
     A second derivative of at most b passes b/8 below the chord over 0..1.

@@ -83,11 +83,9 @@ def simulate_torque(
     Parameters
     ----------
     model : Model
-        Of the axis.
     torque_nm : ArrayLike, (n,)
         N m at the motor shaft (N for an axis whose first body is the carriage); acts from t[n] to t[n+1].
     sample_period_s : float, s
-        Sampling period.
     position_m : float, m
         Carriage at the start, at rest in static equilibrium (beltcomm.model.statics.equilibrium); unused with ``state``.
     substeps : int
@@ -127,7 +125,6 @@ def integrate_torque(
     torque_nm : array_like (n,), N m, motor shaft
         Held from each sample to the next.
     sample_period_s : float, s
-        Sampling period.
     position_m : float, m
         Carriage at the start.
     substeps : int
@@ -219,7 +216,6 @@ def rigid_force_n(model: Model, omega_rad_s: Array, period_s: float) -> Array:
     Parameters
     ----------
     model : Model
-        Of the axis.
     omega_rad_s : ndarray (n + 1,)
         Of the motor, at the ends of the periods.
     period_s : float, s

@@ -102,7 +102,7 @@ def _values(model: Model, effect: Effect) -> list[float]:
     return [model[name] for name in effect.full_names()]
 
 
-#: Cells of a sampling period in which a torque is given; every number of fine steps a sample divides it.
+#: Cells of a sampling period in which a torque is given; most numbers of fine steps a sample divide it.
 CELLS = 32
 
 
@@ -113,18 +113,36 @@ class Intersample:
     above: Array
 
     def part(self, rows: slice) -> Intersample:
-        """Some of the samples, as an own value."""
+        """Some of the samples, as an own value.
+
+        Parameters
+        ----------
+        rows : slice
+        """
         return Intersample(self.above[rows])
 
     def cells(self, torque: Array, per_sample: int) -> Array:
-        """Mean over each of so many cells of a period, (n*per_sample,), N m.
+        """Mean over each of so many cells of a period.
 
         Parameters
         ----------
         torque : ndarray (n,), N m
             Mean over each period.
+        per_sample : int
+            Cells of a period.
+
+        Returns
+        -------
+        ndarray, N m
+            (n per_sample,).
         """
-        above = self.above.reshape(len(torque), per_sample, -1).mean(axis=2) if per_sample < CELLS else self.above
+        if CELLS % per_sample == 0:
+            above = self.above.reshape(len(torque), per_sample, -1).mean(axis=2) if per_sample < CELLS else self.above
+        else:  # fine steps for a coupling follow its frequency
+            edges = np.linspace(0.0, CELLS, per_sample + 1)
+            low = np.minimum(edges.astype(np.intp), CELLS - 1)
+            integral = np.concatenate((np.zeros((len(torque), 1)), np.cumsum(self.above, axis=1)), axis=1)
+            above = np.diff(integral[:, low] + (edges - low) * self.above[:, low], axis=1) * (per_sample / CELLS)
         return np.asarray((torque[:, None] + above).reshape(-1))
 
     def triangular(self) -> Array:

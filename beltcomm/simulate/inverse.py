@@ -102,7 +102,13 @@ class FineMotion:
         self.rubbed.clear()
 
     def coarser(self, substeps: int) -> FineMotion:
-        """Motion with fewer fine steps per sample, of which today's are a multiple; itself where it has no more."""
+        """Motion with fewer fine steps per sample; itself where it has no more.
+
+        Parameters
+        ----------
+        substeps : int
+            Fine steps per sample, of which today's are a multiple.
+        """
         skip = self.substeps // substeps
         if skip <= 1:
             return self
@@ -154,13 +160,13 @@ def reconstruct(
     faster = push / inertia * h
     speed = np.concatenate(([0.0], np.cumsum(faster)))
     known = np.concatenate(([0.0], np.cumsum((speed[:-1] + 0.5 * faster) * h)))
-    rest, rate = interpolate(position - known[::substeps], substeps)
+    rest, rate = _interpolate(position - known[::substeps], substeps)
     theta = rest + known
     omega = rate / sample_s + speed
     return FineMotion(theta - position[0] + start_rad, omega, n, sample_s, substeps, time_s, within=within)
 
 
-def interpolate(values: Array, substeps: int) -> tuple[Array, Array]:
+def _interpolate(values: Array, substeps: int) -> tuple[Array, Array]:
     """Samples, (n,), and their rate per sample on the fine grid, (fine,) each, by a cubic spline."""
     spline = CubicSpline(np.arange(len(values)), values)  # not-a-knot: at rest the load that friction carries bends the rest at its ends
     place = np.arange((len(values) - 1) * substeps + 1) / substeps
@@ -179,7 +185,6 @@ def begins_in_motion(motion: FineMotion) -> bool:
     Parameters
     ----------
     motion : FineMotion
-        Of a segment.
     """
     return _first_speed(motion) != 0.0
 
@@ -234,7 +239,7 @@ def true_motion(model: Model, motion: FineMotion, vector: Array | None = None) -
         shown = np.ascontiguousarray(motion.theta[:: motion.substeps])
         correction = np.empty_like(shown)
         inverse_kernel().angle(shown, correction, board.masked_vector(values), board.on)
-        way, rate = interpolate(correction, motion.substeps)
+        way, rate = _interpolate(correction, motion.substeps)
         motion.made_true.clear()
         motion.made_true[key] = replace(motion, theta=motion.theta + way, omega=motion.omega + rate / motion.sample_s)
     return motion.made_true[key]
@@ -246,7 +251,6 @@ def fine_load(model: Model, motion: FineMotion, vector: Array | None = None, off
     Parameters
     ----------
     model : Model
-        Of the axis.
     motion : FineMotion
         True, of a segment.
     vector : ndarray or None
@@ -279,7 +283,6 @@ def motor_load(model: Model, motion: FineMotion, vector: Array, effect: str | No
     model : Model
         With any effects.
     motion : FineMotion
-        Of a segment.
     vector : ndarray (k,)
         Values of the parameters.
     effect : str or None
@@ -319,7 +322,6 @@ def belt_load(model: Model, motion: FineMotion, vector: Array, offset_m: float) 
     model : Model
         With any effects.
     motion : FineMotion
-        Of a segment.
     vector : ndarray (k,)
         Values of the parameters.
     offset_m : float, m
@@ -341,7 +343,6 @@ def belt_loads(model: Model, motion: FineMotion, vectors: Sequence[Array], offse
     model : Model
         With any effects.
     motion : FineMotion
-        Of a segment.
     vectors : sequence of ndarray (p,) each
         Values of the parameters, k times.
     offsets_m : sequence of float, m
@@ -379,7 +380,6 @@ def follow_bodies(model: Model, motions: Sequence[FineMotion], vectors: Sequence
     Parameters
     ----------
     model : Model
-        Of the axis.
     motions : sequence of FineMotion
         One for each vector.
     vectors : sequence of ndarray
@@ -394,7 +394,7 @@ def follow_bodies(model: Model, motions: Sequence[FineMotion], vectors: Sequence
         alike.setdefault((motion.substeps, motion.sample_s, len(watch.s), watch.cart), []).append(i)
     for group in alike.values():
         h = motions[group[0]].sample_s / motions[group[0]].substeps
-        for some in lock_step_groups(group, [len(motion.theta) for motion in motions]):
+        for some in _lock_step_groups(group, [len(motion.theta) for motion in motions]):
             if len(some) >= ENOUGH_LANES:
                 lock_step([_lane(motions[i], board.masked_vector(vectors[i]), watches[i]) for i in some], board.belt, h)
                 continue
@@ -405,7 +405,7 @@ def follow_bodies(model: Model, motions: Sequence[FineMotion], vectors: Sequence
                 inverse_kernel().load(motion.theta, motion.omega, p, board.belt, motion.time_s, h, motion.bristle_m, 0.0, load, cart, watch)
 
 
-def lock_step_groups(group: Sequence[int], lengths: Sequence[int]) -> list[list[int]]:
+def _lock_step_groups(group: Sequence[int], lengths: Sequence[int]) -> list[list[int]]:
     """The members of a group, the longest first, by as many as run in lock step; one by itself where the others would end long before."""
     order, found = sorted(group, key=lambda i: -lengths[i]), list[list[int]]()
     while order:
@@ -430,7 +430,6 @@ def linear_innovations(model: Model, motion: FineMotion, vectors: Sequence[Array
     model : Model
         With an observer.
     motion : FineMotion
-        Of a segment.
     vectors : sequence of ndarray (p,) each
         Values of the parameters, k times.
     watch : ObserverState
@@ -452,9 +451,7 @@ def acting_torque(model: Model, motion: FineMotion, torque: Array, vector: Array
     Parameters
     ----------
     model : Model
-        Of the axis.
     motion : FineMotion
-        Of a segment.
     torque : ndarray (n,), N m
         As reported, held from sample n to n+1.
     vector : ndarray or None
@@ -480,7 +477,6 @@ def acting_cells(model: Model, motion: FineMotion, torque: Array, vector: Array 
     model : Model
         With any effects.
     motion : FineMotion
-        Of a segment.
     torque : ndarray (n,), N m, motor shaft
         As it was read.
     vector : ndarray or None
@@ -560,7 +556,7 @@ def as_read(torque: Array, start_nm: float, sample_s: float, lags: Lags) -> Arra
     return shown
 
 
-def load_torque(model: Model, motion: FineMotion, vector: Array | None = None, offset_m: float = 0.0) -> tuple[Array, Array]:
+def _load_torque(model: Model, motion: FineMotion, vector: Array | None = None, offset_m: float = 0.0) -> tuple[Array, Array]:
     """Load at the motor shaft averaged with the triangular weight, (n,), N m, ends 0; and the carriage position, (fine,), m.
 
     ``vector``, ``offset_m`` : see :func:`fine_load`.
@@ -575,7 +571,6 @@ def torque_residuals(model: Model, motion: FineMotion, torque: Array, vectors: S
     Parameters
     ----------
     model : Model
-        Of the axis.
     motion : FineMotion
         As it was read.
     torque : ndarray (n,), N m
@@ -596,7 +591,7 @@ def torque_residuals(model: Model, motion: FineMotion, torque: Array, vectors: S
         elif board.in_lanes:
             needed = motor_load(model, true, p) + belt_load(model, true, p, offset)
         else:
-            needed, _ = load_torque(model, true, p, offset)
+            needed, _ = _load_torque(model, true, p, offset)
         needed[1:-1] += model.driven_inertia(loaded(model, p, motion.mounted)) * np.diff(true.theta[:: true.substeps], 2) / true.sample_s**2
         acting = acting_torque(model, true, torque, p)
         left.append(as_read(needed, float(acting[1]), true.sample_s, reading_lags(model, p)) - acting)

@@ -116,6 +116,11 @@ class SimulatedPlant:
     def brake(self, torque_nm: float) -> None:
         """Close or release the holding brake: a closed brake is more Coulomb friction of the motor.
 
+        Parameters
+        ----------
+        torque_nm : float, motor shaft
+            0 releases it.
+
         Raises
         ------
         UsageError
@@ -128,7 +133,13 @@ class SimulatedPlant:
         self._p[self.model.index("coulomb.level")] = self.model["coulomb.level"] + torque_nm
 
     def step(self, torque_nm: float, duration_s: float) -> None:
-        """Let ``torque_nm`` (held, at the motor shaft) act for ``duration_s``; deterministic.
+        """Let a torque act for a time; deterministic.
+
+        Parameters
+        ----------
+        torque_nm : float, motor shaft
+            Held.
+        duration_s : float
 
         Raises
         ------
@@ -182,10 +193,19 @@ class SimulatedPlant:
 
         Parameters
         ----------
+        follows_position : bool
+            False for the velocity loop alone.
+        coefficients : ndarray
+            As in ``pieces.setpoint``.
+        state : ndarray
+            As in ``pieces.setpoint``, carried on in place.
         references : ndarray (4, n)
             Position, speed, acceleration at the motor shaft, torque added.
         sensing : ndarray
-            As in ``pieces.setpoint``. waiting : torques on their way, the next one first, N m.
+            As in ``pieces.setpoint``.
+        waiting : ndarray, N m
+            Torques on their way, the next one first.
+        period_s : float
         late_s : float
             How much of a period the torque before goes on acting.
 

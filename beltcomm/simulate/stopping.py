@@ -98,7 +98,19 @@ class Braking:
     acceleration_m_s2: float = math.inf
 
     def way_m(self, speed_m_s: float, acceleration_m_s2: float = 0.0) -> float:
-        """Way to rest from a speed, m; infinite when nothing brakes."""
+        """Way to rest from a speed.
+
+        Parameters
+        ----------
+        speed_m_s : float, carriage
+        acceleration_m_s2 : float, carriage
+            At the moment of the stop.
+
+        Returns
+        -------
+        float, m
+            inf when nothing brakes.
+        """
         if speed_m_s == 0.0:
             return 0.0
         speed = abs(speed_m_s) + abs(acceleration_m_s2) * (self.lag_s if acceleration_m_s2 * speed_m_s > 0.0 else self.reaction_s)
@@ -126,11 +138,17 @@ class Braking:
         return replace(self, lag_s=max(self.lag_s - self.reaction_s, 0.0), reaction_s=0.0, besides=besides)
 
     def span_m(self, position_m: Array, speed_m_s: Array, sample_s: float) -> tuple[float, float]:
-        """Lowest and highest position, m, that a motion reaches with a stop at any moment.
+        """Lowest and highest position that a motion reaches with a stop at any moment.
 
         Parameters
         ----------
         position_m, speed_m_s : ndarray (n,)
+        sample_s : float
+
+        Returns
+        -------
+        tuple[float, float], m
+            Carriage.
         """
         accelerations = np.gradient(speed_m_s, sample_s)
         ways = [self.way_m(float(v), float(a)) for v, a in zip(speed_m_s, accelerations, strict=True)]
@@ -206,7 +224,6 @@ def rigid_deceleration(axis: Axis, mass_kg: float, torque_nm: float, swing: floa
     Parameters
     ----------
     axis : Axis
-        As its file states it.
     mass_kg : float
         Carriage and payload.
     torque_nm : float
@@ -260,7 +277,6 @@ def first_deceleration(axis: Axis, torque_nm: float) -> Deceleration:
     Parameters
     ----------
     axis : Axis
-        Data sheets.
     torque_nm : float, N m, motor shaft
         Largest of the drive.
     """
@@ -352,7 +368,7 @@ def braked_by_unknown_gains(model: Model, kp_nm_s_rad: float, ki_nm_rad: float, 
     return Braking(deceleration_m_s2, lag + reaction_s, reaction_s)
 
 
-def predict_stop(
+def _predict_stop(
     model: Model,
     cascade: Cascade,
     speed_m_s: float,
@@ -422,9 +438,7 @@ def braked_by_loop(
     family : sequence of Model
         Models that the axis may be.
     cascade : Cascade
-        The controller.
     axis : Axis
-        As its file states it.
     speed_m_s : float
         From which it is simulated, and from parts of it: the step at the end of a short ramp comes while the belt still swings from the one
         at its beginning, and along a long ramp a loop has time to catch up.
@@ -445,7 +459,7 @@ def braked_by_loop(
     allowed = [rigid_deceleration(axis, model["cart.mass"], torque_limit_nm).value_m_s2 for model in family]
 
     def simulated(model: Model, speed: float, acceleration: float) -> Stop:
-        return predict_stop(
+        return _predict_stop(
             model,
             cascade,
             speed,
@@ -546,7 +560,19 @@ class References:
     added_nm: Array
 
     def lost_at(self, at: int, runs: int) -> tuple[Array, Array, Array]:
-        """Those up to run ``at``; then the last stand still for ``runs`` runs."""
+        """Those up to run ``at``; then the last stand still for ``runs`` runs.
+
+        Parameters
+        ----------
+        at : int
+            Run of the loop, 1 or above.
+        runs : int
+
+        Returns
+        -------
+        tuple[ndarray, ndarray, ndarray]
+            Position, speed and torque added, motor shaft.
+        """
 
         def then_at_rest(values: Array, last: float) -> Array:
             return np.concatenate((values[:at], np.full(runs, last)))
@@ -569,7 +595,6 @@ def predict_stop_out_of_move(
     resting : SimulatedPlant
         Where the axis sets out; it stays there.
     cascade : Cascade
-        The controller.
     references : References
         Of the move, for each run of the loop.
     at : int

@@ -81,11 +81,23 @@ class Study:
     terms: Terms = PLAIN
 
     def values(self, number: int) -> Values:
-        """Values of member ``number``, from 0."""
+        """Values of a member.
+
+        Parameters
+        ----------
+        number : int
+            From 0.
+        """
         return {"run": self.runs[number]} if self.population is None else self.population.member(number, self.nominal)
 
     def key(self, number: int) -> str:
-        """Of the member's definition: the same program finds the same result for the same key."""
+        """Key of a member's definition: the same program finds the same result for the same key.
+
+        Parameters
+        ----------
+        number : int
+            From 0.
+        """
         values = dict(self.values(number))
         content = _run_fingerprint(Path(self.runs[number])) if self.population is None else ""
         return _digest([self.fingerprint, values, content])

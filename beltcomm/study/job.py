@@ -13,6 +13,7 @@ from typing import Any
 
 from beltcomm import atomic
 from beltcomm.axis.terms import pictures_in
+from beltcomm.borders import for_json
 from beltcomm.caches import source_hash
 from beltcomm.configfiles import find_config, to_yaml, write_text
 from beltcomm.errors import DataError, Refused, UsageError
@@ -116,7 +117,7 @@ def _compute_members(
     if kept.told:
         talk.say(f"runs since the last time: {kept.told}")
     if kept.aside:  # no line leaves one of the two files before it stands in the other
-        write_text(out / GONE, "".join(map(line_text, kept.aside)))
+        write_text(out / GONE, "".join(map(_line_text, kept.aside)))
     open_members = [(k, key, asked.values(k)) for k, key in enumerate(kept.keys) if k not in lines][:limit]
     if open_members:
         told = f" ({len(lines)} are done)" if lines else ""
@@ -130,14 +131,14 @@ def _compute_members(
             for made in answers(partial(lines_of, asked.work), tasks, workers=workers, scheduler=scheduler, talk=talk):
                 if any(line["program"] != source_hash() for line in made):  # a worker that joined later
                     raise Refused("a worker has another beltcomm than this computer; install the same one there. What is done is kept")
-                _append(members, "".join(map(line_text, made)), out / MEMBERS)
+                _append(members, "".join(map(_line_text, made)), out / MEMBERS)
                 lines |= {line["member"]: line for line in made}
                 done += len(made)
                 talk.progress(done / len(open_members), None)
     if open_members or kept.told:
-        write_text(out / MEMBERS, "".join(line_text(lines[k]) for k in sorted(lines)))
+        write_text(out / MEMBERS, "".join(_line_text(lines[k]) for k in sorted(lines)))
     if kept.aside:
-        write_text(out / GONE, "".join(line_text(line) for line in kept.aside if _is_gone(line, asked)))
+        write_text(out / GONE, "".join(_line_text(line) for line in kept.aside if _is_gone(line, asked)))
     return lines
 
 
@@ -246,7 +247,7 @@ class KeptResults:
 
 def _goes_on(asked: Study, out: Path, reads_only: bool) -> KeptResults:
     """Raises UsageError for results of another study, and of another program if it goes on."""
-    keys, found = tuple(asked.key(k) for k in range(asked.count)), read_members(out / MEMBERS)
+    keys, found = tuple(asked.key(k) for k in range(asked.count)), _read_members(out / MEMBERS)
     kept = _of_population(asked, out, keys, found) if asked.population is not None else _of_fleet(asked, out, keys, found)
     for number, line in kept.lines.items():
         if not reads_only and line.get("program") != source_hash():
@@ -277,7 +278,7 @@ def _of_fleet(asked: Study, out: Path, keys: Sequence[str], found: Sequence[Line
         if "run" not in line["values"] or ("found" in line and sign not in line["found"]):
             raise UsageError(f"{out} holds results of another study: member {line['member']} is no run that {asked.each} was done with; "
                              "choose another --out")  # fmt: skip
-    before_it = read_members(out / GONE)
+    before_it = _read_members(out / GONE)
     by_key = {line["key"]: line for line in [*(line for line in before_it if line.get("program") == source_hash()), *found]}
     lines = {k: {**by_key[key], "member": k} for k, key in enumerate(keys) if key in by_key}
     left = [line for line in found if _is_gone(line, asked)]
@@ -300,7 +301,7 @@ def _differs(line: Line, asked: Study) -> str:
     return f"member {line['member']} has the same values, but base, design, move or targets differ"
 
 
-def read_members(path: Path) -> list[Line]:
+def _read_members(path: Path) -> list[Line]:
     """The lines of a file of members, but for one that is half written.
 
     Raises
@@ -330,9 +331,9 @@ def _cut(path: Path) -> None:
         os.truncate(path, data.rfind(b"\n") + 1)
 
 
-def line_text(line: Line) -> str:
-    """A line of the file of members, which :func:`read_members` reads."""
-    return json.dumps(jsonable(line), ensure_ascii=False, allow_nan=False) + "\n"
+def _line_text(line: Line) -> str:
+    """A line of the file of members, which :func:`_read_members` reads."""
+    return for_json(jsonable(line)) + "\n"
 
 
 def _copy(file: str | Path, out: Path) -> None:

@@ -27,10 +27,14 @@ class Work(Protocol):
     """Work that finds the result of a member."""
 
     def found(self, number: int, values: Values, folder: Path | None = None) -> dict[str, Any]:
-        """Plain values.
+        """Results of a member as plain values.
 
         Parameters
         ----------
+        number : int
+            From 0.
+        values : Values
+            What differs, SI; ``run`` for a real axis.
         folder : Path or None
             Where what it makes stays; None keeps nothing.
 
@@ -41,7 +45,13 @@ class Work(Protocol):
         ...
 
     def described(self, values: Values) -> Mapping[str, Any] | None:
-        """The member as a plant file, None for one that is no virtual axis."""
+        """The member as a plant file, None for one that is no virtual axis.
+
+        Parameters
+        ----------
+        values : Values
+            What differs, SI.
+        """
         ...
 
 
@@ -119,7 +129,7 @@ class Commissioned:
                 return _commission_quantities(made, truth)
             if self.each == "compare":
                 return _compare_quantities(compare_run(run, pictures=False).to_json())
-            return diagnosis_quantities(diagnose_run(run, cost=False).to_json(), str(values.get(HIDDEN, NOTHING)))
+            return _diagnosis_quantities(diagnose_run(run, cost=False).to_json(), str(values.get(HIDDEN, NOTHING)))
         except BeltcommError as error:  # the folder is another one every time
             error.args = (str(error).replace(str(folder), "MEMBER"), *error.args[1:])
             raise
@@ -138,7 +148,7 @@ class Fleet:
         run = Path(str(values["run"]))
         if self.each == "compare":
             return _compare_quantities(compare_run(run, pictures=False).to_json())
-        return diagnosis_quantities(diagnose_run(run, cost=False).to_json(), None)
+        return _diagnosis_quantities(diagnose_run(run, cost=False).to_json(), None)
 
     def described(self, values: Values) -> None:
         """A real axis has no plant file."""
@@ -169,7 +179,7 @@ def _compare_quantities(made: Mapping[str, Any]) -> dict[str, Any]:
     return {"ratio": made["ratio"]["overall"], "held_out": made["ratio"]["held_out"], "worst": [one["text"] for one in made["worst"][:1]]}
 
 
-def diagnosis_quantities(made: Mapping[str, Any], hidden: str | None) -> dict[str, Any]:
+def _diagnosis_quantities(made: Mapping[str, Any], hidden: str | None) -> dict[str, Any]:
     """Of a diagnosis: what it says, and whether that is the truth.
 
     Parameters

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from beltcomm.configfiles import is_number
 from beltcomm.report.page import Fact, Page, PageTable, Paragraphs, Picture, Section, State, picture_of, render
 from beltcomm.report.study import Against, Distributed, distribution_figure, drivers_figure
 from beltcomm.report.style import Caption
 from beltcomm.study import words as words
 from beltcomm.study.file import Study
-from beltcomm.study.summary import DISTANCE, HEADLINE, Driver, Share, Summary, is_number
+from beltcomm.study.summary import DISTANCE, HEADLINE, Driver, Share, Summary
 
 #: Results that are drawn, in this order.
 DRAWN = (
@@ -33,9 +34,7 @@ def study_page(asked: Study, summary: Summary, lines: Sequence[Line], command: s
     Parameters
     ----------
     asked : Study
-        The study.
     summary : Summary
-        Of the study.
     lines : sequence of Line
         Of all members that have been computed, by number.
     command : str

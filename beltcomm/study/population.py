@@ -46,6 +46,7 @@ class Distribution:
 
         Parameters
         ----------
+        random : np.random.Generator
         nominal : float
             What the base has.
         """
@@ -82,12 +83,14 @@ class Population:
     hidden: Mapping[str, Mapping[str, Distribution]] = field(default_factory=dict)
 
     def member(self, number: int, nominal: Mapping[str, float]) -> dict[str, float | str]:
-        """Values of member ``number`` (from 0), of everything that differs, SI.
+        """Values of a member, of everything that differs, SI.
 
         Each name has a stream of its own, so another name in the study or more members change no value.
 
         Parameters
         ----------
+        number : int
+            From 0.
         nominal : dict of str to float
             What the base has, by the same names.
         """
@@ -128,7 +131,6 @@ def nominal_of(model: Model, delay_s: float, start_m: float) -> dict[str, float]
     Parameters
     ----------
     model : Model
-        Of the axis.
     delay_s : float, s
         Of the drive.
     start_m : float, m
@@ -148,7 +150,6 @@ def units_of(model: Model) -> dict[str, str]:
     Parameters
     ----------
     model : Model
-        Of the axis.
     """
     return {**{name: one.unit for name, one in model.parameters.items()}, **BESIDE}
 
@@ -165,7 +166,6 @@ def drawn_axis(population: Population, values: Values, model: Model, delay_s: fl
     values : Values
         Of the member.
     model : Model
-        Of the axis.
     delay_s : float, s
         Of the drive of the base.
     start_m : float, m
@@ -204,7 +204,6 @@ def population_from(data: Mapping[str, Any], model: Model, seed: int) -> Populat
     data : mapping of str to Any
         Content of the file.
     model : Model
-        Of the axis.
     seed : int
         Of the draws.
 
@@ -230,7 +229,7 @@ def population_from(data: Mapping[str, Any], model: Model, seed: int) -> Populat
         if name not in model.parameters:
             known = ", ".join(model.parameters)
             raise UsageError(f"ageing.when_old.{name} is no parameter of this axis{did_you_mean(name, model.parameters)}; it has {known}")
-        old[name] = per_cent(told, f"ageing.when_old.{name}")
+        old[name] = _per_cent(told, f"ageing.when_old.{name}")
     age = _distribution_from(ageing["age"], "ageing.age", "1") if ageing else None
     hidden = {str(name): _hidden(str(name), told, model) for name, told in _mapping(data.get("hidden"), "hidden").items()}
     return Population(drawn, seed, age, old, hidden)
@@ -255,7 +254,7 @@ def _hidden(name: str, told: Any, model: Model) -> dict[str, Distribution]:
         fixed = not isinstance(value, Mapping)
         where = f"hidden.{name}.{key}"
         found[f"{name}.{key}"] = (
-            Distribution("choice", (quantity(value, where, own[key]),)) if fixed else _distribution_from(value, where, own[key])
+            Distribution("choice", (_quantity(value, where, own[key]),)) if fixed else _distribution_from(value, where, own[key])
         )
     return found
 
@@ -273,7 +272,7 @@ def _distribution_from(told: Any, where: str, unit: str) -> Distribution:
         raise UsageError(f"{where} is {dict(given)!r}; give one of {', '.join(KINDS)}, as in {{uniform: [LOW, HIGH]}}")
     kind = kinds[0]
     if kind == "tolerance":
-        share = per_cent(given[kind], where)
+        share = _per_cent(given[kind], where)
         if not 0.0 < share < 1.0:
             raise UsageError(f"{where} has a tolerance of {100.0 * share:g} %; it must lie between 0 and 100 %")
         return Distribution(kind, (share,))
@@ -281,7 +280,7 @@ def _distribution_from(told: Any, where: str, unit: str) -> Distribution:
     if not isinstance(numbers, list) or not numbers or (kind != "choice" and len(numbers) != 2):
         wanted = {"uniform": "[LOW, HIGH]", "normal": "[MEAN, STANDARD DEVIATION]", "choice": "[VALUE, VALUE, ...]"}[kind]
         raise UsageError(f"{where}.{kind} is {numbers!r}; write {wanted}")
-    found = tuple(quantity(one, where, unit) for one in numbers)
+    found = tuple(_quantity(one, where, unit) for one in numbers)
     if kind == "uniform" and not found[0] < found[1]:
         raise UsageError(f"{where} is uniform from {found[0]:g} to {found[1]:g}; the first must be below the second")
     if kind == "normal" and not found[1] > 0.0:
@@ -289,7 +288,7 @@ def _distribution_from(told: Any, where: str, unit: str) -> Distribution:
     return Distribution(kind, found)
 
 
-def quantity(told: Any, where: str, unit: str) -> float:
+def _quantity(told: Any, where: str, unit: str) -> float:
     """A number in SI, or a text with its unit.
 
     Parameters
@@ -314,7 +313,7 @@ def quantity(told: Any, where: str, unit: str) -> float:
     return value
 
 
-def per_cent(told: Any, where: str) -> float:
+def _per_cent(told: Any, where: str) -> float:
     """A share from a text such as ``+20 %``.
 
     Raises

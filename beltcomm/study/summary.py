@@ -12,6 +12,7 @@ import numpy as np
 from scipy.special import betaincinv
 
 from beltcomm.arrays import Array
+from beltcomm.configfiles import is_number
 from beltcomm.model.value import NORMAL_95
 
 #: Quantiles told.
@@ -121,7 +122,18 @@ class Summary:
     answers: tuple[Answers, ...] = ()
 
     def share(self, key: str) -> Share | None:
-        """The share of that name."""
+        """The share of that name.
+
+        Parameters
+        ----------
+        key : str
+            Its name.
+
+        Returns
+        -------
+        Share or None
+            None where there is none of that name.
+        """
         return next((one for one in self.shares if one.key == key), None)
 
 
@@ -149,7 +161,7 @@ def summary_of(lines: Sequence[Line], planned: int, targets: Mapping[str, float]
     flags = [key for key in keys if any(isinstance(line["found"].get(key), bool) for line in told)]
     shares = [_share(key, told, len(failed) if key == HEADLINE else 0) for key in flags]
     if HEADLINE not in flags and failed and not told:
-        shares = [share_of(HEADLINE, 0, len(failed))]
+        shares = [_share_of(HEADLINE, 0, len(failed))]
     numbers = [key for key in keys if any(is_number(line["found"].get(key)) for line in told)]
     return Summary(
         planned,
@@ -164,7 +176,7 @@ def summary_of(lines: Sequence[Line], planned: int, targets: Mapping[str, float]
     )
 
 
-def share_of(key: str, count: int, of: int) -> Share:
+def _share_of(key: str, count: int, of: int) -> Share:
     """A share with its interval.     Source: Clopper and Pearson, Biometrika 26 (1934) 404."""
     low = float(betaincinv(count, of - count + 1, 0.025)) if count else 0.0
     high = float(betaincinv(count + 1, of - count, 0.975)) if count < of else 1.0
@@ -173,7 +185,7 @@ def share_of(key: str, count: int, of: int) -> Share:
 
 def _share(key: str, told: Sequence[Line], missed: int) -> Share:
     answers = [bool(line["found"][key]) for line in told if isinstance(line["found"].get(key), bool)]
-    return share_of(key, sum(answers), len(answers) + missed)
+    return _share_of(key, sum(answers), len(answers) + missed)
 
 
 def _answers(lines: Sequence[Line]) -> tuple[Answers, ...]:
@@ -246,14 +258,3 @@ def _worst(lines: Sequence[Line], targets: Mapping[str, float]) -> tuple[int, ..
 
     ranked = sorted(lines, key=lambda line: (-badness(line), int(line["member"])))
     return tuple(int(line["member"]) for line in ranked[:WORST] if badness(line) > 0.0)
-
-
-def is_number(value: Any) -> bool:
-    """True for a finite number that is no bool.
-
-    Parameters
-    ----------
-    value : Any
-        Of any type.
-    """
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)

@@ -96,7 +96,6 @@ def headline(summary: Summary) -> str:
     Parameters
     ----------
     summary : Summary
-        Of the study.
     """
     share = summary.share("passed")
     named, left = summary.share("hidden effect named"), summary.share("healthy left alone")
@@ -184,7 +183,6 @@ def values_text(asked: Study, values: Mapping[str, Any]) -> str:
     Parameters
     ----------
     asked : Study
-        The study.
     values : mapping of str to Any
         Drawn for the member.
     """
@@ -197,9 +195,7 @@ def summary_lines(asked: Study, summary: Summary, lines: Sequence[Mapping[str, A
     Parameters
     ----------
     asked : Study
-        The study.
     summary : Summary
-        Of the study.
     lines : sequence of mapping of str to Any
         Of all members.
     file : str
@@ -242,7 +238,6 @@ def member_lines(line: Mapping[str, Any], asked: Study) -> list[str]:
     line : mapping of str to Any
         Of the member.
     asked : Study
-        The study.
     """
     text = [
         f"Member {line['member']} of {asked.name}:",

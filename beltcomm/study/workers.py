@@ -48,7 +48,6 @@ def answers(
     scheduler : str or None
         Address of a Dask scheduler in their place.
     talk : Talk
-        Hears progress and answers questions.
     alone_s : float
         So long a cluster may be without any worker.
 
@@ -164,7 +163,7 @@ def _refuse_unfit(client: Client, new: list[str], threads: Mapping[str, int], ad
         raise Refused(f"a new worker of {address} has no beltcomm ({error}); install the same version there") from error
     except (OSError, KeyError):  # it has gone again
         return
-    if said := unfit(programs, {worker: threads[worker] for worker in programs}, address):
+    if said := _unfit(programs, {worker: threads[worker] for worker in programs}, address):
         raise Refused(f"{said}. What is done is kept, the same command goes on")
 
 
@@ -188,13 +187,13 @@ def _connect(address: str) -> Client:
     except ModuleNotFoundError as error:
         client.close()
         raise UsageError(f"a worker of {address} has no beltcomm ({error}); install the same version there") from error
-    if said := unfit(programs, threads, address):
+    if said := _unfit(programs, threads, address):
         client.close()
         raise UsageError(said)
     return client
 
 
-def unfit(programs: Mapping[str, str], threads: Mapping[str, int], address: str) -> str:
+def _unfit(programs: Mapping[str, str], threads: Mapping[str, int], address: str) -> str:
     """Reason why workers cannot compute, empty where they can.
 
     Parameters

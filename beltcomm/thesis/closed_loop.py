@@ -133,26 +133,26 @@ def compare() -> ClosedLoopStudy:
             wanted: list[tuple[str, str, Cascade]] = []
             if rig == "g_a":
                 for kind in ("none", "notch", "butterworth"):
-                    wanted.append(("5.1", f"prefilter {kind}", with_feedforward(rig, model, structure, gains(rig, kind), "nonlinear")))
+                    wanted.append(("5.1", f"prefilter {kind}", _with_feedforward(rig, model, structure, gains(rig, kind), "nonlinear")))
                 bare = replace(wanted[-1][2], prefilter=Prefilter())
                 wanted.append(("5.1", "Butterworth's gains, filter removed", bare))
             figure = "5.2" if rig == "g_a" else "5.3"
             for forward in FORWARD:
-                cascade = with_feedforward(rig, model, structure, gains(rig, "butterworth"), forward)
+                cascade = _with_feedforward(rig, model, structure, gains(rig, "butterworth"), forward)
                 wanted.append((figure, f"feedforward {forward}", cascade))
                 if forward == "none":  # the source does not say which of the two it means
                     speed = replace(cascade, feedforward=replace(cascade.feedforward, velocity=1.0))
                     wanted.append((figure, "feedforward of the velocity alone", speed))
             ours = replace(wanted[-1][2], filter_reference=True)
             wanted.append(("5.4", "nonlinear, reference behind the same lag", ours))
-            runs += [one(drive, rig, model, figure, name, cascade) for figure, name, cascade in wanted]
+            runs += [_one(drive, rig, model, figure, name, cascade) for figure, name, cascade in wanted]
     model = load_plant("g_a").model
     moved = {name: plan_trajectory(FROM_M, TO_M, limits, PERIOD_S) for name, limits in (("T_A", T_A), ("T_B", T_B))}
     unstable = {
-        kind: float(np.max(np.abs(closed_loop_poles(design_plant("g_a"), replace(gains("g_a", kind), prefilter=Prefilter()), PERIOD_S))))
+        kind: float(np.max(np.abs(closed_loop_poles(_design_plant("g_a"), replace(gains("g_a", kind), prefilter=Prefilter()), PERIOD_S))))
         for kind in ("notch", "butterworth")
     }
-    cascade = with_feedforward("g_a", model, structures["g_a"], gains("g_a", "butterworth"), "nonlinear")
+    cascade = _with_feedforward("g_a", model, structures["g_a"], gains("g_a", "butterworth"), "nonlinear")
     return ClosedLoopStudy(
         tuple(runs),
         unstable,
@@ -174,25 +174,25 @@ def gains(rig: str, kind: PrefilterKind) -> Cascade:
     kind : PrefilterKind
         Of the prefilter.
     """
-    solved = thesis_design(design_plant(rig), kind).cascade
+    solved = thesis_design(_design_plant(rig), kind).cascade
     if kind in PUBLISHED and rig == "g_a":
         kp, ki, kpp = PUBLISHED[kind]
         solved = replace(solved, kp_nm_s_rad=kp, ki_nm_rad=ki, kpp_1_s=kpp)
     return replace(solved, filter_reference=False)
 
 
-def design_plant(rig: str) -> DesignPlant:
+def _design_plant(rig: str) -> DesignPlant:
     """The rig as the source designed for it: with the damping that its frequency response shows around standstill."""
     return next(plant for plant in thesis_plants() if plant.name == rig.upper())
 
 
-def apparent_damping(rig: str) -> float:
+def _apparent_damping(rig: str) -> float:
     """i_t² (d_m + d_c) of that plant, N m s/rad: what the linear feedforward takes for friction."""
-    plant = design_plant(rig)
+    plant = _design_plant(rig)
     return plant.motor_damping_nm_s_rad + plant.transmission_m_rad**2 * plant.cart_damping_ns_m
 
 
-def with_feedforward(rig: str, model: Model, structure: CascadeStructure, cascade: Cascade, kind: FeedforwardKind) -> Cascade:
+def _with_feedforward(rig: str, model: Model, structure: CascadeStructure, cascade: Cascade, kind: FeedforwardKind) -> Cascade:
     """The cascade with a feedforward from the rig's own numbers.   Advanced by nothing: the source's is not."""
     ratio = model["transmission.ratio"]
     forward = feedforward_from(
@@ -201,12 +201,12 @@ def with_feedforward(rig: str, model: Model, structure: CascadeStructure, cascad
         inertia_kg_m2=model["motor.inertia"] + ratio**2 * model["cart.mass"],
         viscous_nm_s_rad=model["viscous.damping"],
         coulomb_nm=model["coulomb.level"] + ratio * model["cart_friction.level"],
-        apparent_viscous_nm_s_rad=apparent_damping(rig),
+        apparent_viscous_nm_s_rad=_apparent_damping(rig),
     )
     return replace(cascade, feedforward=replace(forward, advance_s=0.0))
 
 
-def one(drive: Drive, rig: str, model: Model, figure: str, name: str, cascade: Cascade) -> SimulatedMove:
+def _one(drive: Drive, rig: str, model: Model, figure: str, name: str, cascade: Cascade) -> SimulatedMove:
     """The move with limits T_A, and back; the way back is not judged."""
     ratio = model["transmission.ratio"]
     drive.write({key: value for key, value in cascade_to_parameters(cascade).items() if key in drive.backup()})
@@ -217,7 +217,7 @@ def one(drive: Drive, rig: str, model: Model, figure: str, name: str, cascade: C
     rows: list[Row] = []
     stopped = ""
     try:
-        drive.record(motion(path, ratio), limits(ratio), rows.append)
+        drive.record(_motion(path, ratio), _limits(ratio), rows.append)
     except SafetyStop as stop:
         stopped = str(stop).split(";")[0]
     table = np.array(rows)
@@ -228,10 +228,10 @@ def one(drive: Drive, rig: str, model: Model, figure: str, name: str, cascade: C
         return SimulatedMove(figure, rig, name, nothing, nothing, math.nan, largest, t_s, reference - position, stopped)
     motor = tracking_error(t_s, reference, position)
     # back to where it began, by a loop that can: the next one starts from the same place
-    safe = with_feedforward(rig, model, drive.capabilities.structure, gains(rig, "butterworth"), "nonlinear")
+    safe = _with_feedforward(rig, model, drive.capabilities.structure, gains(rig, "butterworth"), "nonlinear")
     drive.write({key: value for key, value in cascade_to_parameters(safe).items() if key in drive.backup()})
     at = ratio * drive.read(["position_rad"])["position_rad"]
-    drive.record(motion(_with_rests(plan_trajectory(at, here, T_A, PERIOD_S)), ratio), limits(ratio), lambda _row: None)
+    drive.record(_motion(_with_rests(plan_trajectory(at, here, T_A, PERIOD_S)), ratio), _limits(ratio), lambda _row: None)
     beside = np.interp(t_s, expected.t_s, expected.cart_m)
     shown = (reference, position, beside, ratio * table[:, 4], torque)
     return SimulatedMove(figure, rig, name, motor, cart, expected.belt_force_n, largest, t_s, reference - position, "", *shown)
@@ -243,12 +243,12 @@ def _with_rests(path: Trajectory) -> Trajectory:
     return join((before, path, after))
 
 
-def motion(path: Trajectory, ratio: float) -> Motion:
+def _motion(path: Trajectory, ratio: float) -> Motion:
     """Motion for the drive's position loop."""
     return Motion("position", PERIOD_S, path.position_m / ratio, path.velocity_m_s / ratio, np.zeros(len(path.t_s)))
 
 
-def limits(ratio: float) -> Limits:
+def _limits(ratio: float) -> Limits:
     """Limits of the virtual axis."""
     return Limits(-0.05 / ratio, 0.75 / ratio, 3.0 / ratio, PEAK_NM, lag_rad=LOST_M / ratio, ratio_m_rad=ratio)
 
@@ -283,7 +283,12 @@ class CutOff(SimulatedPlant):
 
 
 def lines(study: ClosedLoopStudy) -> list[str]:
-    """The table and what it says."""
+    """The table and what it says.
+
+    Parameters
+    ----------
+    study : ClosedLoopStudy
+    """
     said = ["0.5 m with the limits T_A on the virtual drive; errors in mm: motor as the drive measured it, cart as predicted beside it"]
     said.append(f"{'figure':7} {'mass':8} {'':42} {'motor dyn.':>10} {'static':>8} {'cart dyn.':>9} {'torque':>9} {'belt':>6}")
     for run in study.runs:
@@ -305,12 +310,12 @@ def lines(study: ClosedLoopStudy) -> list[str]:
             for most, (off, on) in study.windup.items()
         ),
         f"Feed force on g_a: T_A {study.demands['T_A']:.1f} N, T_B {study.demands['T_B']:.1f} N; the axis bears 100 N, T_B is simulated",
-        *findings(study),
+        *_findings(study),
     ]
     return said
 
 
-def findings(study: ClosedLoopStudy) -> list[str]:
+def _findings(study: ClosedLoopStudy) -> list[str]:
     """Findings of the source that come out, and those that do not."""
     by = {(run.figure, run.rig, run.name): run for run in study.runs}
     none, filtered = by["5.1", "g_a", "prefilter none"], by["5.1", "g_a", "prefilter butterworth"]

@@ -144,7 +144,13 @@ class Designs:
     underrated_db: dict[str, float]
 
     def solution(self, plant: str, prefilter: PrefilterKind) -> ThesisDesign | None:
-        """The design of the equalities, None where they have none."""
+        """The design of the equalities, None where they have none.
+
+        Parameters
+        ----------
+        plant : str
+        prefilter : PrefilterKind
+        """
         return next(row.design for row in self.solved if (row.plant, row.prefilter) == (plant, prefilter))
 
 
@@ -163,7 +169,7 @@ def thesis_plants() -> tuple[DesignPlant, ...]:
     )
 
 
-def published_gains(plant: DesignPlant) -> dict[str, Cascade]:
+def _published_gains(plant: DesignPlant) -> dict[str, Cascade]:
     """C_A and C_B, tables A.6 and A.7, for G_A."""
     return {
         "C_A (notch)": Cascade(0.08, 1.69, 10.91, VELOCITY_FILTER_S, Prefilter("notch", plant.resonance_rad_s, 4.60)),
@@ -182,10 +188,10 @@ def compare() -> Designs:
     """All of chapter 4's numbers, recomputed."""
     plants = thesis_plants()
     g_a = plants[0]
-    published = published_gains(g_a)
+    published = _published_gains(g_a)
     solved = tuple(_solve(plant, kind) for plant in plants for kind in KINDS)
     solutions = {row.prefilter: row.design for row in solved if row.plant == g_a.name and row.design is not None}
-    underrated = {plant.name: underrated_db(plant) for plant in plants}
+    underrated = {plant.name: _underrated_db(plant) for plant in plants}
     return Designs(
         plants,
         published,
@@ -199,7 +205,7 @@ def compare() -> Designs:
     )
 
 
-def underrated_db(plant: DesignPlant) -> float:
+def _underrated_db(plant: DesignPlant) -> float:
     """|(2.38)| over |(2.42)| at the resonance, dB: the damping that (2.43) adds there, less the belt's own."""
     s = 1j * plant.resonance_rad_s
     A, B = plant.state_space()
@@ -305,7 +311,12 @@ def _chosen_row(plant: str, request: str, result: DesignResult, thesis_stiffness
 
 
 def lines(study: Designs) -> list[str]:
-    """The tables, with a line on every difference."""
+    """The tables, with a line on every difference.
+
+    Parameters
+    ----------
+    study : Designs
+    """
     text = ["Published numbers (T_R 2 ms, dead time 1 ms):", f"  {'':18} {'published':>10} {'recomputed':>11}"]
     for n in study.numbers:
         text.append(f"  {n.item:18} {n.published:10.6g} {n.ours:11.5g} {n.unit:10} {n.why}".rstrip())

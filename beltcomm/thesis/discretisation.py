@@ -8,7 +8,7 @@ The deviations have bounds in closed form.  With θ = ωT and s = jω, for 0 < �
   |G_d/G_c − 1| = |σ/s − 1|/|1 + σ T_R| ≤ θ/2;
 - PI with the forward-Euler integrator (6.25):  PI_d − PI_c = K_I T (−1/2 + j (1/θ − cot(θ/2)/2)), whose second term lies below θ/π²;
 - prefilter, prewarped bilinear transform: G_d(ω) = G_c(ω'),  ω' = ω_0 tan(θ/2)/tan(ω_0 T/2), hence |ln(G_d/G_c)| ≤ Λ |ln(ω'/ω)| with
-  Λ the largest |d ln G_c/d ln ω| between ω and ω', in closed form by :func:`steepest`.
+  Λ the largest |d ln G_c/d ln ω| between ω and ω', in closed form by :func:`_steepest`.
 """
 
 from __future__ import annotations
@@ -95,7 +95,6 @@ def ratio(part: str, cascade: Cascade, omega_rad_s: Array, period_s: float) -> t
     part : str
         Of ``PARTS``.
     cascade : Cascade
-        The controller.
     omega_rad_s : ndarray (n,), rad/s
         Above 0.
     period_s : float, s
@@ -109,12 +108,12 @@ def ratio(part: str, cascade: Cascade, omega_rad_s: Array, period_s: float) -> t
     s = 1j * omega_rad_s
     if part == "velocity filter":
         lag = cascade.velocity_filter_s
-        bound = velocity_filter_bound(omega_rad_s, period_s)
+        bound = _velocity_filter_bound(omega_rad_s, period_s)
         return np.asarray(velocity_filter_response(omega_rad_s, lag, period_s) * (1.0 + s * lag) / s), bound
     if part == "PI":
         kp, ki = cascade.kp_nm_s_rad, cascade.ki_nm_rad
-        return np.asarray(pi_response(omega_rad_s, kp, ki, period_s) / (kp + ki / s)), pi_bound(omega_rad_s, kp, ki, period_s)
-    bound = prefilter_bound(omega_rad_s, cascade.prefilter, period_s)
+        return np.asarray(pi_response(omega_rad_s, kp, ki, period_s) / (kp + ki / s)), _pi_bound(omega_rad_s, kp, ki, period_s)
+    bound = _prefilter_bound(omega_rad_s, cascade.prefilter, period_s)
     discrete = prefilter_response(omega_rad_s, cascade.prefilter, period_s)
     return np.asarray(discrete / continuous_prefilter(omega_rad_s, cascade.prefilter)), bound
 
@@ -169,7 +168,12 @@ def loop_margins(plant: DesignPlant, design: ThesisDesign, period_s: float) -> L
 
 
 def lines(study: Discretisation) -> list[str]:
-    """The tables, with what they mean."""
+    """The tables, with what they mean.
+
+    Parameters
+    ----------
+    study : Discretisation
+    """
     text = difference_lines("G_A", study.plant, study.differences)
     text += [
         "  The velocity filter lags by T/2 at low frequencies, so T_R + T/2 in all; the PI lags by K_I T/2 over its gain;",
@@ -237,7 +241,7 @@ def loop_lines(loops: Sequence[LoopMargins]) -> list[str]:
     return text
 
 
-def velocity_filter_bound(omega_rad_s: Array, period_s: float) -> Array:
+def _velocity_filter_bound(omega_rad_s: Array, period_s: float) -> Array:
     """Bound of |G_d/G_c − 1| of the velocity filter, for any T_R: ωT/2.
 
     Parameters
@@ -252,7 +256,7 @@ def velocity_filter_bound(omega_rad_s: Array, period_s: float) -> Array:
     return np.asarray(0.5 * _theta(omega_rad_s, period_s))
 
 
-def pi_bound(omega_rad_s: Array, kp_nm_s_rad: float, ki_nm_rad: float, period_s: float) -> Array:
+def _pi_bound(omega_rad_s: Array, kp_nm_s_rad: float, ki_nm_rad: float, period_s: float) -> Array:
     """Bound of |PI_d/PI_c − 1|:  K_I T √(1/4 + (θ/π²)²)/√(K_P² + K_I²/ω²).
 
     Parameters
@@ -269,7 +273,7 @@ def pi_bound(omega_rad_s: Array, kp_nm_s_rad: float, ki_nm_rad: float, period_s:
     return np.asarray(difference / np.hypot(kp_nm_s_rad, ki_nm_rad / omega_rad_s))
 
 
-def prefilter_bound(omega_rad_s: Array, prefilter: Prefilter, period_s: float) -> Array:
+def _prefilter_bound(omega_rad_s: Array, prefilter: Prefilter, period_s: float) -> Array:
     """Bound of |G_d/G_c − 1| of a prefilter:  exp(Λ |ln(ω'/ω)|) − 1; 0 at its own frequency.
 
     Parameters
@@ -288,15 +292,15 @@ def prefilter_bound(omega_rad_s: Array, prefilter: Prefilter, period_s: float) -
     """
     if prefilter.roll_off_rad_s > 0.0:
         parts = (replace(prefilter, roll_off_rad_s=0.0), Prefilter("butterworth", prefilter.roll_off_rad_s))
-        return np.asarray(np.prod([1.0 + prefilter_bound(omega_rad_s, part, period_s) for part in parts], axis=0) - 1.0)
+        return np.asarray(np.prod([1.0 + _prefilter_bound(omega_rad_s, part, period_s) for part in parts], axis=0) - 1.0)
     if prefilter.kind == "none":
         return np.zeros_like(omega_rad_s)
-    moved = warped_frequency(omega_rad_s, prefilter, period_s)
-    slope = steepest(prefilter, np.minimum(omega_rad_s, moved), np.maximum(omega_rad_s, moved))
+    moved = _warped_frequency(omega_rad_s, prefilter, period_s)
+    slope = _steepest(prefilter, np.minimum(omega_rad_s, moved), np.maximum(omega_rad_s, moved))
     return np.asarray(np.expm1(slope * np.abs(np.log(moved / omega_rad_s))))
 
 
-def warped_frequency(omega_rad_s: Array, prefilter: Prefilter, period_s: float) -> Array:
+def _warped_frequency(omega_rad_s: Array, prefilter: Prefilter, period_s: float) -> Array:
     """ω', where the continuous prefilter has the value that the discrete one has at ω, rad/s.
 
     Parameters
@@ -309,7 +313,7 @@ def warped_frequency(omega_rad_s: Array, prefilter: Prefilter, period_s: float) 
     return np.asarray(omega_0 * np.tan(0.5 * _theta(omega_rad_s, period_s)) / math.tan(0.5 * omega_0 * period_s))
 
 
-def steepest(prefilter: Prefilter, low_rad_s: Array, high_rad_s: Array) -> Array:
+def _steepest(prefilter: Prefilter, low_rad_s: Array, high_rad_s: Array) -> Array:
     """Λ: bound of |d ln G_c/d ln ω| between two frequencies each, (n,), rad/s; (n,).
 
     With y = (ω/ω_0)² its square is, for (4.3), (2y + 4y²)/(1 + y²), which rises up to y = 2 + √5 and falls from there.   For (4.1)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beltcomm.arrays import Array, IntArray
+from beltcomm.arrays import Array, IntArray, rms
 from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import Cascade, Prefilter, discrete_coefficients, new_state, velocity_step
 from beltcomm.encoder.edges import INCREMENT_M
@@ -115,8 +115,8 @@ def _run_loop(model: Model, trajectory: Trajectory, variant: str) -> LoopResult:
     return LoopResult(
         float(np.max(np.abs(reference - motor))),
         float(np.max(np.abs(reference - cart))),
-        float(np.sqrt(np.mean(np.diff(torques - feedforward) ** 2))),
-        float(np.sqrt(np.mean(wrong**2))),
+        rms(np.diff(torques - feedforward)),
+        rms(wrong),
         int(registers[INVALID]),
     )
 

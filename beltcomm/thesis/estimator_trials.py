@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from beltcomm.arrays import Array, IntArray
+from beltcomm.arrays import Array, IntArray, rms
 from beltcomm.encoder import formulas
 from beltcomm.encoder.edges import INCREMENT_M, TICK_S, Edges, Flaws, Motion, count_increments, edges_of
 from beltcomm.encoder.estimators import EstimatorSettings, Extension, Switching, Velocities, velocities
@@ -77,7 +77,7 @@ def _steady(start_m: float, speed_m_s: float) -> Motion:
 def _errors(relative: Array) -> MethodErrors:
     return MethodErrors(
         100.0 * float(np.max(np.abs(relative))),
-        100.0 * float(np.sqrt(np.mean(relative**2))),
+        100.0 * rms(relative),
         float(np.mean(relative == -1.0)),
     )
 
@@ -456,4 +456,4 @@ def apart_rms_percent(speed_m_s: float, period_s: float) -> float:
         speed = speed_m_s * factor
         read = record_of(_steady(INCREMENT_M * (k + 0.3) / 8.0, speed), 60.0 * period_s, settings, speed)
         parts.append((read.event_counter - read.high_pass)[1:] / speed)
-    return 100.0 * float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+    return 100.0 * rms(np.concatenate(parts))

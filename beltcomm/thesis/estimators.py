@@ -161,19 +161,24 @@ def _ramp() -> Velocities:
 
 
 def lines(study: EstimatorStudy) -> list[str]:
-    """The study in words and tables, with the source's statements beside ours."""
+    """The study in words and tables, with the source's statements beside ours.
+
+    Parameters
+    ----------
+    study : EstimatorStudy
+    """
     said = [
         "Velocity from an incremental encoder: 2.5 um per increment, edges timed to 10 ns; for each speed eight within 1 % of it.",
         "The source does not state its T_s; 1 ms is that of our loops, 62.5 us what its identification records suggest.",
     ]
     for table in study.tables:
-        said += ["", *table_lines(table)]
+        said += ["", *_table_lines(table)]
     for part in (_crossing_lines, _debouncing_lines, _timeout_lines, _combination_lines, _delay_lines, _loop_lines, _verdict_lines):
         said += ["", *part(study)]
     return said
 
 
-def table_lines(table: trials.SpeedTable) -> list[str]:
+def _table_lines(table: trials.SpeedTable) -> list[str]:
     """Worst and rms error of the methods over speed, percent, and the formulas."""
     s = table.settings
     made = [

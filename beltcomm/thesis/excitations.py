@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtrit
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, rms
 from beltcomm.excitation import Excitation, choose, choose_prbs
 from beltcomm.fit.model_fit import fit_model
 from beltcomm.given import EXCITATION_KINDS, ExcitationKind
@@ -129,31 +129,31 @@ def compare(axes: Sequence[ExcitedAxis] = ()) -> ExcitationStudy:
         None compares on both rigs of the source.
     """
     rows, spectra = [], {}
-    own = [choose_prbs(PERIOD_S, *landmarks(axis), SECONDS) for axis in axes]
+    own = [choose_prbs(PERIOD_S, *_landmarks(axis), SECONDS) for axis in axes]
     axes = axes or [ExcitedAxis(name, load_plant(name).model) for name in PLANTS]
     for axis in axes:
         for kind in EXCITATION_KINDS:
-            row, spectrum = one(axis, kind)
+            row, spectrum = _one(axis, kind)
             rows.append(row)
             spectra[f"{axis.name} {kind}"] = spectrum
-    best = {axis.name: min((r for r in rows if r.plant == axis.name), key=score).kind for axis in axes}
+    best = {axis.name: min((r for r in rows if r.plant == axis.name), key=_score).kind for axis in axes}
     shown = (tuple((one.order, one.clock) for one in own), PERIOD_S) if own else (SEQUENCES, SOURCE_PERIOD_S)
     return ExcitationStudy(tuple(rows), spectra, best, axes[0].limits, *shown)
 
 
-def landmarks(axis: ExcitedAxis) -> tuple[float, float]:
+def _landmarks(axis: ExcitedAxis) -> tuple[float, float]:
     """Antiresonance and resonance at the place, Hz."""
     at = operating_point(axis.model, axis.place_m, 1.0)
     low, high = (min(m.freq_hz for m in modes(axis.model, at, held=held)) for held in (("motor",), ()))
     return low, high
 
 
-def score(row: ExcitationRow) -> float:
+def _score(row: ExcitationRow) -> float:
     """Geometric mean of the relative errors of mass, stiffness and inertia: what counts, not what a fit says of itself."""
     return math.exp(float(np.mean([math.log(row.error[name]) for name in MEANT])))
 
 
-def factor(row: ExcitationRow, other: ExcitationRow) -> tuple[float, float]:
+def _factor(row: ExcitationRow, other: ExcitationRow) -> tuple[float, float]:
     """Score of one row over that of another, and the factor by which the few seeds leave that open with 95 %.
 
     q = score/score,   s² = (n - 1)/n Σ (ln q_(i) - mean)²,   q_(i) without seed i of both (they share its noise);   e^(t s), Student, n - 1
@@ -171,11 +171,11 @@ def factor(row: ExcitationRow, other: ExcitationRow) -> tuple[float, float]:
     return math.exp(logarithm(table)), math.exp(float(stdtrit(n - 1, 0.975)) * deviation)
 
 
-def one(axis: ExcitedAxis, kind: ExcitationKind) -> tuple[ExcitationRow, tuple[Array, Array]]:
+def _one(axis: ExcitedAxis, kind: ExcitationKind) -> tuple[ExcitationRow, tuple[Array, Array]]:
     """One excitation on one axis."""
     model, place_m = axis.model, axis.place_m
     at = operating_point(model, place_m, 1.0)
-    low, high = landmarks(axis)
+    low, high = _landmarks(axis)
     choice = choose(kind, PERIOD_S, low, high, SECONDS)
     shape = choice.excitation(1.0, PERIOD_S)
     step: AmplitudeStep = largest_amplitude(
@@ -184,7 +184,7 @@ def one(axis: ExcitedAxis, kind: ExcitationKind) -> tuple[ExcitationRow, tuple[A
     signal = choice.excitation(
         step.amplitude_nm * step.amplitude_nm / choice.excitation(step.amplitude_nm, PERIOD_S).amplitude_nm, PERIOD_S
     )
-    records = [make_recording(axis, signal, seed) for seed in axis.seeds or SEEDS]
+    records = [_make_recording(axis, signal, seed) for seed in axis.seeds or SEEDS]
     start = model.with_values({n: f * model[n] for n, f in BEGIN.items() if n in model.parameters}, "start")
     fits = [fit_model([record], start, counts_per_rev=axis.counts) for record in records]
     deviation = {n: float(np.mean([(f.model.parameters[n].interval or math.inf) / f.quantile for f in fits])) / model[n] for n in MEANT}
@@ -198,7 +198,7 @@ def one(axis: ExcitedAxis, kind: ExcitationKind) -> tuple[ExcitationRow, tuple[A
     if kind == "multisine":
         split = distortion(record.torque, record.position, PERIOD_S, signal.period_samples, signal.first_sample)
         inside = (split.freq_hz >= BAND[0] * low) & (split.freq_hz <= BAND[1] * high)
-        linear = float(np.sqrt(np.mean(split.speed[inside] ** 2)))
+        linear = rms(split.speed[inside])
         odd, even = (s.rms(BAND[0] * low, BAND[1] * high) / linear for s in (split.odd, split.even))
     moved = simulate_torque(model, signal.torque, PERIOD_S, place_m)
     lines = np.abs(np.fft.rfft(signal.period)) / signal.period_samples
@@ -214,7 +214,7 @@ def one(axis: ExcitedAxis, kind: ExcitationKind) -> tuple[ExcitationRow, tuple[A
         float(np.max(np.abs(moved.cart_position_m - place_m))),
         float(np.max(moved.belt_force_n)),
         float(freq[1]) * (2.0 if signal.lines else 1.0),
-        half_power_hz(freq, lines),
+        _half_power_hz(freq, lines),
         float(np.median(np.abs(answer.h[band] / true - 1.0))),
         float(np.median(answer.noise[band] / np.abs(answer.h[band]))),
         deviation,
@@ -226,7 +226,7 @@ def one(axis: ExcitedAxis, kind: ExcitationKind) -> tuple[ExcitationRow, tuple[A
     return row, (np.asarray(freq[1:]), np.asarray(lines[1:]))
 
 
-def make_recording(axis: ExcitedAxis, signal: Excitation, seed: int) -> Recording:
+def _make_recording(axis: ExcitedAxis, signal: Excitation, seed: int) -> Recording:
     """The record of an excitation as a drive gives it: counted angle, torque with noise."""
     moved = simulate_torque(axis.model, signal.torque, PERIOD_S, axis.place_m + seed * FURTHER_M)
     step = 2.0 * math.pi / axis.counts
@@ -238,7 +238,7 @@ def make_recording(axis: ExcitedAxis, signal: Excitation, seed: int) -> Recordin
     )
 
 
-def half_power_hz(freq_hz: Array, lines: Array) -> float:
+def _half_power_hz(freq_hz: Array, lines: Array) -> float:
     """Highest third of an octave whose mean power is at least half of the strongest one's, Hz."""
     edges = np.geomspace(max(freq_hz[1], 2.0), freq_hz[-1], 1 + round(3.0 * math.log2(freq_hz[-1] / max(freq_hz[1], 2.0))))
     power = []
@@ -250,8 +250,8 @@ def half_power_hz(freq_hz: Array, lines: Array) -> float:
 
 def _verdict(plant: str, rows: Sequence[ExcitationRow]) -> str:
     """Excitation with the smallest errors, and those that the seeds cannot tell from it."""
-    best = min(rows, key=score)
-    others = {r.kind: factor(r, best) for r in rows if r is not best}
+    best = min(rows, key=_score)
+    others = {r.kind: _factor(r, best) for r in rows if r is not best}
     worse = [f"{kind} {q:.2f} times (1/{open_:.2f} to {open_:.2f} times that)" for kind, (q, open_) in others.items() if q > open_]
     alike = [f"{kind} {q:.2f} times" for kind, (q, open_) in others.items() if q <= open_]
     said = f"{plant}: {best.kind} has the smallest errors of mass, stiffness and inertia at equal time"
@@ -261,7 +261,12 @@ def _verdict(plant: str, rows: Sequence[ExcitationRow]) -> str:
 
 
 def lines(study: ExcitationStudy) -> list[str]:
-    """The table and what it says."""
+    """The table and what it says.
+
+    Parameters
+    ----------
+    study : ExcitationStudy
+    """
     head = f"{'':10} {'±N m':>6} {'crest':>5} {'s':>5} {'travel':>8} {'belt':>6} {'lines':>7} {'to':>7} {'|ΔG|/G':>7} {'noise':>7}"
     head += "".join(f" {word:>10}" for word in MEANT.values()) + "   odd    even"
     said: list[str] = []

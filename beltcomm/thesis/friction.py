@@ -78,7 +78,7 @@ class FrictionComparison:
 
 def compare() -> FrictionComparison:
     """All six orders, each begun with a cold axis."""
-    new = axis("g_b", worn=False)
+    new = _axis("g_b", worn=False)
     up = sorted(SHUFFLED)
     tenfold = [speed for speed in up for _ in range(REPEATS)]
     orders = (
@@ -86,14 +86,14 @@ def compare() -> FrictionComparison:
         _measure_order("II", "fastest first", new, up[::-1], BARE),
         _measure_order("III", "sequence (A.1)", new, SHUFFLED, BARE),
         _measure_order("IV", f"as I, each {REPEATS} times", new, tenfold, BARE),
-        _measure_order("V", "as I, after nine months", axis("g_b", worn=True), up, BARE),
-        _measure_order("VI", "as V, with 11.2 kg", axis("g_a", worn=True), up, LOADED),
+        _measure_order("V", "as I, after nine months", _axis("g_b", worn=True), up, BARE),
+        _measure_order("VI", "as V, with 11.2 kg", _axis("g_a", worn=True), up, LOADED),
     )
     viscous = new["viscous.damping"]
     return FrictionComparison(orders, (viscous, _total_coulomb(new)), viscous * (1.0 + COLD_SHARE))
 
 
-def axis(rig: str, worn: bool) -> Model:
+def _axis(rig: str, worn: bool) -> Model:
     """A rig with warm-up and Stribeck effect, new or after nine months."""
     model = load_plant(rig).model
     if worn:
@@ -132,14 +132,14 @@ def _measure_order(name: str, what: str, model: Model, speeds: Sequence[float], 
 
 def _plateaus_at_speed(model: Model, path: Trajectory, time_s: float, noise: np.random.Generator) -> tuple[Plateau, ...]:
     """Plateaus of one speed as the drive would record them."""
-    moved = predict_move(model, loop(model), path, Loop(CascadeStructure("simulated", PERIOD_S), DELAY_S, PEAK_NM, COUNTS), time_s=time_s)
+    moved = predict_move(model, _loop(model), path, Loop(CascadeStructure("simulated", PERIOD_S), DELAY_S, PEAK_NM, COUNTS), time_s=time_s)
     ratio = model["transmission.ratio"]
     torque = np.concatenate(([0.0], moved.torque_nm[:-1])) + noise.normal(0.0, NOISE_NM, len(moved.torque_nm))
     found = find_plateaus(moved.t_s, torque, moved.motor_m / ratio, path.velocity_m_s / ratio, run_in_s=RUN_IN_S)
     return tuple(replace(p, start_s=p.start_s + time_s) for p in found)
 
 
-def loop(model: Model) -> Cascade:
+def _loop(model: Model) -> Cascade:
     """The source's Butterworth gains with the reference behind the same lag, and a feedforward of inertia and Coulomb friction."""
     rig = model.name.lower()
     ratio = model["transmission.ratio"]
@@ -147,15 +147,20 @@ def loop(model: Model) -> Cascade:
     return replace(gains(rig, "butterworth"), feedforward=forward, filter_reference=True)
 
 
-def _difference_words(base: str, base_worn: bool, rig: str, worn: bool) -> str:
-    """Difference in construction between two axes, in words."""
-    before, after = axis(base, base_worn), axis(rig, worn)
+def _difference_words(base_worn: bool, rig: str) -> str:
+    """Difference in construction between G_B and a worn axis, in words."""
+    before, after = _axis("g_b", base_worn), _axis(rig, True)
     coulomb = _total_coulomb(after) / _total_coulomb(before) - 1.0
     return f"{100 * coulomb:+.1f} and {100 * (after['viscous.damping'] / before['viscous.damping'] - 1.0):+.1f} %"
 
 
 def lines(study: FrictionComparison) -> list[str]:
-    """The table and what it says."""
+    """The table and what it says.
+
+    Parameters
+    ----------
+    study : FrictionComparison
+    """
     head = f"{'':31} {'speeds':>6} {'min':>5} {'d_v, mN m s/rad':>17} {'tau_c, N m':>18} {'left':>10} {'below 10 mm/s':>14} {'true d_v':>8}"
     said = [
         f"Friction sweep in six orders, {len(SHUFFLED)} speeds of (A.1), simulated: table A.10 and, assumed, {100 * COLD_SHARE:.0f} % more "
@@ -180,8 +185,8 @@ def lines(study: FrictionComparison) -> list[str]:
         f"{'':4} {'true, warm':26} {'':12} {1e3 * study.warm[0]:8.3f} {'':8} {study.warm[1]:9.4f}; cold {1e3 * study.cold_viscous:.3f}",
         f"II against I: {change('II', 'I')} by the order alone: fast strokes meet a cold axis or a warm one.  Order (A.1) mixes both, so "
         "that the drift shows in what is left over and not in d_v alone",
-        f"V against I, nine months: {change('V', 'I')} ({_difference_words('g_b', False, 'g_b', True)} built in)",
-        f"VI against V, 11.2 kg more: {change('VI', 'V')} ({_difference_words('g_b', True, 'g_a', True)} built in, table A.10)",
+        f"V against I, nine months: {change('V', 'I')} ({_difference_words(False, 'g_b')} built in)",
+        f"VI against V, 11.2 kg more: {change('VI', 'V')} ({_difference_words(True, 'g_a')} built in, table A.10)",
         "(3.36) has no Stribeck effect, which still acts beyond 10 mm/s: it makes tau_c larger and d_v smaller in every order.  Without "
         "it order IV reads 2.236 of 2.241 mN m s/rad, and VI against V +8.6 % Coulomb, +13.8 % viscous",
         "Speeds whose ramps the belt does not bear are left out",

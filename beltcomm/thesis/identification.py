@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from beltcomm.arrays import Array, ComplexArray
+from beltcomm.arrays import Array, ComplexArray, decibels
 from beltcomm.control import Cascade, Feedforward, Prefilter, discrete_coefficients, new_state, reset_state, velocity_step
 from beltcomm.errors import Refused
 from beltcomm.excitation import Excitation, prbs
@@ -89,7 +89,6 @@ def own_rig(model: Model, antiresonance_rad_s: float, amplitude_nm: float, low_m
     Parameters
     ----------
     model : Model
-        Of the axis.
     antiresonance_rad_s : float, rad/s
         Of the belt, for the prefilter.
     amplitude_nm : float, N m, motor shaft
@@ -208,15 +207,15 @@ def compare(rig: LoopRig | None = None) -> IdentificationStudy:
     rig = rig or _source_rig()
     model, weak, strong = rig.model, rig.weak, rig.strong
     signal = prbs(ORDER, CLOCK, 2.0 * rig.amplitude_nm, PERIOD_S, PERIODS)
-    stands = _open_loop(rig, prbs(ORDER, CLOCK, 2.0 * rig.amplitude_nm, PERIOD_S, 2 * max(AVERAGED)), SEED)
-    loud = closed_loop(rig, signal, "torque", 1.0, weak)
+    stands = _open_loop(rig, prbs(ORDER, CLOCK, 2.0 * rig.amplitude_nm, PERIOD_S, 2 * max(AVERAGED)))
+    loud = _closed_loop(rig, signal, "torque", 1.0, weak)
     moves, asked = _without_reversal(rig, signal, "torque", weak), _without_reversal(rig, signal, "setpoint", weak)
     held = _without_reversal(rig, signal, "torque", strong)
     at = operating_point(model, rig.stands_m, 1.0)
 
     def judge(name: str, found: FrequencyResponse, record: Record) -> Way:
         true = sampled_response(model, at, found.freq_hz, PERIOD_S)
-        off = 20.0 * np.log10(np.abs(found.h / true))
+        off = decibels(found.h / true)
         low, high = ((found.freq_hz >= a) & (found.freq_hz < b) for a, b in (LOW_HZ, HIGH_HZ))
         fit = fit_magnitude(found, model["transmission.ratio"], model["motor.inertia"]).two_mass
         mean = float(np.mean(off[high]))
@@ -237,7 +236,7 @@ def compare(rig: LoopRig | None = None) -> IdentificationStudy:
         judge("direct, as loud", _angle_response(loud, loud.torque), loud),
         judge("direct", direct, moves),
         judge("indirect, C as it runs", _without_dead_time(from_torque_excitation(through, controller)), moves),
-        judge("indirect, C continuous", _without_dead_time(from_torque_excitation(through, continuous(weak, through.freq_hz))), moves),
+        judge("indirect, C continuous", _without_dead_time(from_torque_excitation(through, _continuous(weak, through.freq_hz))), moves),
         judge("indirect, C 20 % off", _without_dead_time(from_torque_excitation(through, WRONG * controller)), moves),
         judge("strong loop, direct", _angle_response(held, held.torque), held),
         judge("strong loop, indirect", _without_dead_time(from_torque_excitation(stronger, hold)), held),
@@ -286,22 +285,22 @@ def _friction(two: TwoMass) -> float:
     return two.transmission_m_rad**2 * (two.motor_damping_n_s_m + two.cart_damping_n_s_m)
 
 
-def _open_loop(rig: LoopRig, signal: Excitation, seed: int) -> Record:
+def _open_loop(rig: LoopRig, signal: Excitation) -> Record:
     """The axis at rest under an excitation alone."""
-    return _record_run(rig, signal.torque, lambda n, _angle: float(signal.torque[n]), signal, moving=False, seed=seed)
+    return _record_run(rig, signal.torque, lambda n, _angle: float(signal.torque[n]), signal, moving=False, seed=SEED)
 
 
 def _without_reversal(rig: LoopRig, signal: Excitation, inject: Inject, cascade: Cascade) -> Record:
     """The loudest record in which the motor turns one way only: what the closed loop is for."""
     share = 1.0
-    while (found := closed_loop(rig, signal, inject, share, cascade)).reversed:
+    while (found := _closed_loop(rig, signal, inject, share, cascade)).reversed:
         share *= CALMER
         if share < QUIETEST:
             raise Refused(f"the motor reverses however quiet the excitation is at {rig.speed_m_s:g} m/s: the loop swings; lower its gains")
     return found
 
 
-def closed_loop(rig: LoopRig, signal: Excitation, inject: Inject, share: float, cascade: Cascade) -> Record:
+def _closed_loop(rig: LoopRig, signal: Excitation, inject: Inject, share: float, cascade: Cascade) -> Record:
     """A velocity loop at constant speed, begun in motion with the integrator where friction needs it."""
     speed = rig.speed_m_s / rig.model["transmission.ratio"]
     friction = total_friction(rig.model) + total_viscous(rig.model) * speed
@@ -349,7 +348,7 @@ def _without_dead_time(found: FrequencyResponse) -> FrequencyResponse:
     return replace(found, h=found.h * np.exp(2j * np.pi * found.freq_hz * DELAY * PERIOD_S))
 
 
-def continuous(cascade: Cascade, freq_hz: Array) -> ComplexArray:
+def _continuous(cascade: Cascade, freq_hz: Array) -> ComplexArray:
     """C of (3.21) as it is printed, G_R = s/(1 + T_R s) and C_ω = K_P + K_I/s: not what a sampled loop does."""
     s = 2j * np.pi * freq_hz
     return np.asarray(s / (1.0 + cascade.velocity_filter_s * s) * (cascade.kp_nm_s_rad + cascade.ki_nm_rad / s))
@@ -399,18 +398,23 @@ def scatter_of_mean(
 
 
 def lines(study: IdentificationStudy) -> list[str]:
-    """The table and what it says."""
+    """The table and what it says.
+
+    Parameters
+    ----------
+    study : IdentificationStudy
+    """
     said = [
         f"{study.name}, closed loop at {1e3 * study.speed_m_s:.0f} mm/s with a crossover below 1 Hz; errors of |G| against the moving axis",
-        f"{'':24} {'torque':>9} {'below 3 Hz':>11} {'above':>8} {'scatter':>8} {'m_c':>9} {'i_t²(d_m+d_c)':>15}  motor reverses",
+        f"{'':24} {'torque':>9} {'below 3 Hz':>11} {'above':>8} {'scatter':>8} {'m_c':>9} {'i_t²(d_m+d_c)':>20}  motor reverses",
     ]
     for way in study.ways:
         said.append(
             f"{way.name:24} ±{way.amplitude_nm:.3f} N m {way.low_db:+8.2f} dB {way.high_db:+5.2f} dB {way.scatter_db:5.2f} dB "
-            f"{way.mass_kg:6.2f} kg {1e3 * way.viscous_nm_s_rad:9.2f} mN m s  {'yes' if way.crosses_zero else 'no'}"
+            f"{way.mass_kg:6.2f} kg {1e3 * way.viscous_nm_s_rad:9.2f} mN m s/rad  {'yes' if way.crosses_zero else 'no'}"
         )
     said += [
-        f"{'true':24} {'':>38} {study.mass_kg:10.2f} kg {1e3 * study.viscous_nm_s_rad:9.2f} mN m s",
+        f"{'true':24} {'':>38} {study.mass_kg:10.2f} kg {1e3 * study.viscous_nm_s_rad:9.2f} mN m s/rad",
         f"dead time from the phases of setpoint and acting torque (3.27): {1e3 * study.dead_time.value_s:.4f} ± "
         f"{1e3 * study.dead_time.interval_s:.4f} ms (built in {1e3 * DELAY * PERIOD_S:g} ms; thesis 1 ms)",
         "averaging n periods leaves of the scatter: "

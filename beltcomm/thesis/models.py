@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beltcomm.arrays import Array, ComplexArray
+from beltcomm.arrays import Array, ComplexArray, decibels
 from beltcomm.design.design_plant import DesignPlant
 from beltcomm.effects.belt_spans import stiffness
 from beltcomm.excitation import Excitation, prbs
@@ -81,11 +81,11 @@ def compare() -> ModelStudy:
     at = {place: operating_point(rig, place, 1.0) for place in PLACES_M}
     s_a = sets["S_A"]
     fine = _above_500()
-    true = state_space(smooth(), operating_point(smooth(), 0.3, 1.0))
-    averaged = {n: relative(h, true.sampled(f, FINE_S)[:, 0]) for n, (f, h) in fine.items()}
+    true = state_space(_smooth(), operating_point(_smooth(), 0.3, 1.0))
+    averaged = {n: _relative(h, true.sampled(f, FINE_S)[:, 0]) for n, (f, h) in fine.items()}
     held = {place: min(m.freq_hz for m in modes(rig, point, held=("motor",))) for place, point in at.items()}
     return ModelStudy(
-        springs(),
+        _springs(),
         {name: sets[name].torque_to_angle().response(FREQ_HZ) for name in ("S_A", "S_B", "S_C")},
         FREQUENCIES,
         {name: (two.resonance_hz, two.antiresonance_hz) for name, two in sets.items()},
@@ -109,7 +109,7 @@ def compare() -> ModelStudy:
     )
 
 
-def springs() -> dict[str, Array]:
+def _springs() -> dict[str, Array]:
     """Belt sections of the three-mass model (2.10) and the replacement spring (2.26) over the travel, N/m."""
     l1 = OFFSET_M + TRAVEL_M
     c1, c2, c3 = EA_N / l1, EA_N / (L3_M - l1), np.full(len(l1), EA_N / L3_M)
@@ -132,7 +132,7 @@ def two_mass_of(plant: DesignPlant) -> TwoMass:
     )
 
 
-def smooth() -> Model:
+def _smooth() -> Model:
     """G_A without Coulomb friction: figure 3.7 is about noise."""
     return load_plant("g_a").model.with_values({"coulomb.level": 0.0, "cart_friction.level": 0.0})
 
@@ -140,7 +140,7 @@ def smooth() -> Model:
 def _above_500() -> dict[int, tuple[Array, ComplexArray]]:
     """Frequency response above 500 Hz at 16 kHz from one and from ten periods; an encoder's rounding is the noise."""
     signal = prbs(ORDER, CLOCK, 2.0 * AMPLITUDE_NM, FINE_S, AVERAGED)
-    moved = simulate_torque(smooth(), signal.torque, FINE_S, 0.3)
+    moved = simulate_torque(_smooth(), signal.torque, FINE_S, 0.3)
     step = 2.0 * math.pi / COUNTS
     rng = np.random.default_rng(SEED)
     angle = step * np.floor(moved.position_rad / step + rng.random(len(moved.position_rad)))  # dithered by the shaft's own shake
@@ -166,13 +166,18 @@ def _mean_response(signal: Excitation, angle: Array, periods: int) -> tuple[Arra
     return freq[excited], np.asarray((z / (z - 1.0) * np.fft.rfft(speed)[1:] / np.where(excited, u, 1.0))[excited])
 
 
-def relative(h: ComplexArray, true: ComplexArray) -> float:
+def _relative(h: ComplexArray, true: ComplexArray) -> float:
     """Median relative error."""
     return float(np.median(np.abs(h / true - 1.0)))
 
 
 def lines(study: ModelStudy) -> list[str]:
-    """Numbers of chapter 2."""
+    """Numbers of chapter 2.
+
+    Parameters
+    ----------
+    study : ModelStudy
+    """
     said = [f"{'':5} {'f_r, Hz':>9} {'published':>10} {'f_z, Hz':>9} {'published':>10}   (2.44), (2.45)"]
     for name, (resonance, antiresonance) in study.recomputed.items():
         published = study.published[name]
@@ -183,7 +188,7 @@ def lines(study: ModelStudy) -> list[str]:
     c = study.springs["c"]
     low = int(np.argmin(c))
     exact, product = study.approximations["(2.39) exact"], study.approximations["(2.42) product"]
-    off = np.abs(20.0 * np.log10(np.abs(product / exact)))
+    off = np.abs(decibels(product / exact))
     said += [
         f"2.4   replacement stiffness {1e-3 * c[0]:.0f} kN/m at 0, least {1e-3 * c[low]:.0f} at {TRAVEL_M[low]:.2f} m, "
         f"{1e-3 * c[-1]:.0f} at 0.6 m; "
@@ -207,4 +212,4 @@ def _attenuation(study: ModelStudy) -> float:
     """Level of the carriage's response above the motor's at the antiresonance of S_A, dB."""
     at = int(np.argmin(np.abs(FREQ_HZ - study.recomputed["S_A"][1])))
     motor, cart = study.cart["torque to motor, times i_t"], study.cart["torque to cart (2.48)"]
-    return float(20.0 * np.log10(np.abs(cart[at] / motor[at])))
+    return float(decibels(cart[at] / motor[at]))

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from beltcomm.arrays import ComplexArray
+from beltcomm.arrays import ComplexArray, decibels
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade, CascadeStructure, Prefilter
 from beltcomm.design.design_plant import DesignPlant
@@ -43,7 +43,6 @@ def models(axis: Axis, model: Model, plant: DesignPlant, records: Sequence[Recor
     Parameters
     ----------
     axis : Axis
-        Data sheets.
     model : Model
         Of the run.
     plant : DesignPlant
@@ -76,7 +75,7 @@ def models(axis: Axis, model: Model, plant: DesignPlant, records: Sequence[Recor
     text.append(f"  found {1e-3 * plant.stiffness_n_m:.1f} kN/m")
     exact = two.torque_to_angle_without_belt_damper().response(FREQ_HZ)
     off = {
-        name: np.abs(20.0 * np.log10(np.abs(one.response(FREQ_HZ) / exact)))
+        name: np.abs(decibels(one.response(FREQ_HZ) / exact))
         for name, one in (("product", two.product_form()), ("low", two.low_frequency()), ("high", two.high_frequency()))
     }
     worst = int(np.argmax(off["product"]))
@@ -201,7 +200,6 @@ def moves(
     path : Trajectory
         Of the carriage.
     structure : CascadeStructure
-        Of the drive's loops.
     own : Cascade
         Design of the run.
     loop : Loop

@@ -188,7 +188,7 @@ def _sampled(solution: ruckig.Trajectory, t_s: Array) -> tuple[Array, Array, Arr
     )
 
 
-def stroke(start_m: float, end_m: float, speed_m_s: float, limits: TrajectoryLimits, sample_period_s: float) -> Trajectory:
+def _stroke(start_m: float, end_m: float, speed_m_s: float, limits: TrajectoryLimits, sample_period_s: float) -> Trajectory:
     """From rest to rest at a constant speed between jerk-limited ramps; slower where the way is too short to reach it.
 
     Other arguments and errors as for :func:`plan_trajectory`.
@@ -262,7 +262,6 @@ def constant_speed_strokes(
     limits : TrajectoryLimits
         Jerk and acceleration of the ramps.
     sample_period_s : float, s
-        Sampling period.
     run_in_s : float, s
         Left out at the beginning of each plateau.
     rest_s : float, s
@@ -288,7 +287,7 @@ def constant_speed_strokes(
         length = min(abs(end_m - start_m), max(shortest, ramps + speed * longest_plateau_s))
         turn = start_m + math.copysign(length, end_m - start_m)
         for origin, goal in ((start_m, turn), (turn, start_m)):
-            leg = stroke(origin, goal, speed, limits, sample_period_s)
+            leg = _stroke(origin, goal, speed, limits, sample_period_s)
             reached = float(np.abs(leg.velocity_m_s).max())
             cruising = np.flatnonzero(np.abs(leg.velocity_m_s) > reached * (1.0 - 1e-9))
             first = int(cruising[0]) + math.ceil(run_in_s / sample_period_s)

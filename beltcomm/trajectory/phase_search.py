@@ -75,7 +75,12 @@ class Task:
         return max(math.cbrt(abs(self.distance) / jerk), math.sqrt(speed / jerk), acceleration / jerk)
 
     def in_units(self, time: float) -> Task:
-        """Task with ``time`` as the unit of time and a unit of length that makes the larger jerk 1."""
+        """Task with ``time`` as the unit of time and a unit of length that makes the larger jerk 1.
+
+        Parameters
+        ----------
+        time : float, s
+        """
         length = max(self.rise, self.fall) * time**3
         v, a, j = time / length, time**2 / length, time**3 / length
         return Task(
@@ -95,6 +100,11 @@ def step_phase(state: Array, jerk: float, duration: float) -> Array:
         Constant.
     duration : float
         In the unit of time of the state.
+
+    Returns
+    -------
+    ndarray
+        (3,) as ``state``.
     """
     p, v, a = state
     t = duration

@@ -81,13 +81,30 @@ class Bench:
         self._untouched: SliderSetting | None = None
 
     def prefilters(self, payload_kg: float) -> dict[str, Prefilter]:
-        """The prefilters of the drive, laid out for this payload, by key."""
+        """The prefilters of the drive, laid out for this payload, by key.
+
+        Parameters
+        ----------
+        payload_kg : float
+        """
         plants = self._plants(payload_kg).proof.plants
         centre = min(plant.resonance_rad_s for plant in plants)
         return {key_of(p, centre): p for p in candidate_prefilters(plants, self.ground.structure, Specification())}
 
     def design(self, setting: SliderSetting) -> DesignResult:
-        """The gains of the knobs on all variants.   Raises OutOfReach with the limit, UsageError for a prefilter that the drive lacks."""
+        """The gains of the knobs on all variants.
+
+        Parameters
+        ----------
+        setting : SliderSetting
+
+        Raises
+        ------
+        OutOfReach
+            With the limit that the knobs meet.
+        UsageError
+            For a prefilter that the drive lacks.
+        """
         key = replace(setting, loaded=False, position_m=0.0)
         last = self._last
         if last is None or last[0] != key:
@@ -99,21 +116,46 @@ class Bench:
         return last[1]
 
     def shown(self, setting: SliderSetting) -> tuple[DesignResult, CascadeView, CascadeView]:
-        """The design of a setting, its curves and those of the run's present design, over the same times.   Raises as :meth:`design`."""
+        """The design of a setting, its curves and those of the run's present design, over the same times.
+
+        Parameters
+        ----------
+        setting : SliderSetting
+
+        Raises
+        ------
+        OutOfReach, UsageError
+            As :meth:`design`.
+        """
         design = self.design(setting)
         present = self.ground.present
         span = max(span_s(design.cascade), span_s(present))
         return design, self._shown(design.cascade, design.margins, setting, span), self.present(setting, span)
 
     def present(self, setting: SliderSetting, span: float | None = None) -> CascadeView:
-        """The run's present design where the setting looks."""
+        """The run's present design where the setting looks.
+
+        Parameters
+        ----------
+        setting : SliderSetting
+            For its payloads and its place.
+        span : float or None, s
+            Of the step responses; None for what the design itself needs.
+        """
         cascade, place = self.ground.present, (setting.payload_kg, setting.shown_kg, setting.position_m)
         span = span or span_s(cascade)
         margins = self.once(("margins", setting.payload_kg), lambda: margins_on(cascade, self._plants(setting.payload_kg).proof))
         return self.once(("present", *place, span), lambda: self._shown(cascade, margins, setting, span))
 
     def path(self, cascade: Cascade, shown_kg: float) -> tuple[Sent, PredictedMove]:
-        """The move with the gains of a cascade and the feedforward of what is mounted, as ``verify`` sends and predicts it."""
+        """The move with the gains of a cascade and the feedforward of what is mounted, as ``verify`` sends and predicts it.
+
+        Parameters
+        ----------
+        cascade : Cascade
+        shown_kg : float
+            Mounted on the carriage.
+        """
         ground = self.ground
         model = ground.model.with_values({"cart.mass": ground.model["cart.mass"] + shown_kg}) if shown_kg else ground.model
         known = cascade == ground.present and ground.driven is not None
@@ -122,7 +164,14 @@ class Bench:
         return sent, predict_sent(model, running, sent, ground.loop, time_s=ground.time_s)
 
     def tracked(self, cascade: Cascade, shown_kg: float) -> TrackingPrediction:
-        """The tracking error of :meth:`path`."""
+        """The tracking error of :meth:`path`.
+
+        Parameters
+        ----------
+        cascade : Cascade
+        shown_kg : float
+            Mounted on the carriage.
+        """
         ground = self.ground
         sent, path = self.path(cascade, shown_kg)
         wanted, carriage = path.reference_m, grid_of(sent.motor, ground.loop).in_loop(sent.carriage.position_m)
@@ -138,23 +187,47 @@ class Bench:
         )
 
     def drive(self, move: Trajectory) -> None:
-        """Another move whose error is predicted from now on."""
+        """Another move whose error is predicted from now on.
+
+        Parameters
+        ----------
+        move : Trajectory, carriage
+        """
         with self._lock:
             self.ground = replace(self.ground, move=move)
             self._kept = {key: kept for key, kept in self._kept.items() if key[0] != "tracked"}
 
     def present_tracked(self, shown_kg: float) -> TrackingPrediction:
-        """:meth:`tracked` of the run's present design."""
+        """:meth:`tracked` of the run's present design.
+
+        Parameters
+        ----------
+        shown_kg : float
+            Mounted on the carriage.
+        """
         return self.once(("tracked", shown_kg), lambda: self.tracked(self.ground.present, shown_kg))
 
     def reach(self, setting: SliderSetting) -> Reach:
-        """Range of each slider while the others stay, and advice where the setting has no design."""
+        """Range of each slider while the others stay, and advice where the setting has no design.
+
+        Parameters
+        ----------
+        setting : SliderSetting
+        """
         prefilter, lag, plants = self._prefilter(setting), setting.velocity_filter_s, self._plants(setting.payload_kg)
-        table = self.once(("table", setting.payload_kg, prefilter, lag), lambda: table_of(plants, prefilter, lag))
+        table = self.once(("table", setting.payload_kg, prefilter, lag), lambda: _table_of(plants, prefilter, lag))
         return _reach_of(table, setting, plants, prefilter)
 
     def start(self, payload_kg: float, position_m: float) -> SliderSetting:
-        """The setting at which the sliders give the run's present design, as nearly as they can."""
+        """The setting at which the sliders give the run's present design, as nearly as they can.
+
+        Parameters
+        ----------
+        payload_kg : float
+            Largest that the design must take.
+        position_m : float, carriage
+            Where the curves are looked at.
+        """
         cascade = self.ground.present
         centre = min(plant.resonance_rad_s for plant in self._plants(payload_kg).proof.plants)
         named = key_of(cascade.prefilter, centre)
@@ -167,7 +240,13 @@ class Bench:
         return placed
 
     def standing(self, setting: SliderSetting, margins: tuple[Margins, ...]) -> SliderSetting:
-        """The setting with the knobs where they give gains of these margins back, a little inside what is possible where they must be."""
+        """The setting with the knobs where they give gains of these margins back, a little inside what is possible where they must be.
+
+        Parameters
+        ----------
+        setting : SliderSetting
+        margins : tuple of Margins
+        """
         worst = worst_of(margins)
         for inside in _INSIDE:
             wanted = Knobs(worst.phase_margin_deg - inside, worst.position_phase_margin_deg - inside, worst.suppression_db - 0.3 * inside)
@@ -180,7 +259,14 @@ class Bench:
         return placed
 
     def best(self, setting: SliderSetting, asked: Specification) -> SliderSetting | None:
-        """The setting of the stiffest loop that meets a specification with one of its prefilters; None where there is none."""
+        """The setting of the stiffest loop that meets a specification with one of its prefilters; None where there is none.
+
+        Parameters
+        ----------
+        setting : SliderSetting
+            For its payloads and its place.
+        asked : Specification
+        """
         plants = self._plants(setting.payload_kg)
         found = best_cascade(plants.search, plants.proof, self.ground.structure, asked)
         if found is None:
@@ -219,7 +305,14 @@ class Bench:
         return known[setting.prefilter]
 
     def once(self, key: tuple[Any, ...], make: Callable[[], T]) -> T:
-        """Value of ``make``, made once; whoever comes meanwhile waits."""
+        """Value of ``make``, made once; whoever comes meanwhile waits.
+
+        Parameters
+        ----------
+        key : tuple
+            Its first entry is the kind, which a new move may drop.
+        make : callable
+        """
         with self._lock:
             lock = self._locks.setdefault(key, threading.Lock())
         with lock:
@@ -258,7 +351,7 @@ class Reach:
     advice: str
 
 
-def table_of(plants: KnobPlants, prefilter: Prefilter, velocity_filter_s: float) -> FeasibilityTable:
+def _table_of(plants: KnobPlants, prefilter: Prefilter, velocity_filter_s: float) -> FeasibilityTable:
     """Velocity loops possible with one prefilter and T_R, on all plants; about a second."""
     shape = loop_shape(plants.search, prefilter, velocity_filter_s)
     (low, high), (least, most) = RANGES["phase_margin_deg"], RANGES["suppression_db"]
@@ -269,13 +362,7 @@ def table_of(plants: KnobPlants, prefilter: Prefilter, velocity_filter_s: float)
 
 
 def _reach_of(table: FeasibilityTable, setting: SliderSetting, plants: KnobPlants, prefilter: Prefilter) -> Reach:
-    """Reach of the knobs of a setting.
-
-    Parameters
-    ----------
-    table : FeasibilityTable
-        Of its prefilter and T_R.
-    """
+    """Reach of the knobs of a setting."""
     column = table.possible[:, int(np.argmin(np.abs(table.suppressions_db - setting.suppression_db)))]
     row = table.possible[int(np.argmin(np.abs(table.margins_deg - setting.phase_margin_deg)))]
     pieces = {

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from beltcomm.control import Cascade
 from beltcomm.design.margins import WorstMargins
+from beltcomm.quantities import three_digits
 from beltcomm.verify import TrackingError
 
 #: Relative change below which a number counts as the same; what follows from several gains moves by more between two steps of a slider.
@@ -51,12 +52,14 @@ def changes(present: tuple[Cascade, WorstMargins], new: tuple[Cascade, WorstMarg
     """
     (old, was), (cascade, worst) = present, new
     return (
-        TuningChange("velocity gain Kp", "mN m s/rad", 1e3 * old.kp_nm_s_rad, 1e3 * cascade.kp_nm_s_rad, None),
+        TuningChange("velocity gain Kp", "N m s/rad", old.kp_nm_s_rad, cascade.kp_nm_s_rad, None),
         TuningChange("integral gain Ki", "N m/rad", old.ki_nm_rad, cascade.ki_nm_rad, None),
         TuningChange("position gain Kv", "1/s", old.kpp_1_s, cascade.kpp_1_s, None),
         _judged("stiffness Ki Kv", "N m/(rad s)", old.ki_nm_rad * old.kpp_1_s, cascade.ki_nm_rad * cascade.kpp_1_s, True, SAME_PRODUCT),
-        _judged("velocity bandwidth", "Hz", was.crossover_hz, worst.crossover_hz, True),
-        _judged("position bandwidth", "Hz", was.position_crossover_hz, worst.position_crossover_hz, True),
+        _judged("velocity bandwidth", "Hz", was.bandwidth_hz, worst.bandwidth_hz, True),
+        _judged("velocity bandwidth at rest", "Hz", was.bandwidth_at_rest_hz, worst.bandwidth_at_rest_hz, True),
+        _judged("position bandwidth", "Hz", was.position_bandwidth_hz, worst.position_bandwidth_hz, True),
+        _judged("position bandwidth at rest", "Hz", was.position_bandwidth_at_rest_hz, worst.position_bandwidth_at_rest_hz, True),
         _judged("velocity phase margin", "deg", was.phase_margin_deg, worst.phase_margin_deg, True),
         _judged("position phase margin", "deg", was.position_phase_margin_deg, worst.position_phase_margin_deg, True),
         _judged("open loop at the resonance", "dB", was.suppression_db, worst.suppression_db, False),
@@ -91,15 +94,12 @@ def sentence(found: Sequence[TuningChange]) -> str:
     told = [change for change in found if change.better is not None and not change.same]
     if not told:
         return "Nothing changed against the present design."
-    parts = [f"{change.name} {number(change.present)} → {number(change.new)} {change.unit}" for change in told]
+    parts = [f"{change.name} {_number(change.present)} → {_number(change.new)} {change.unit}" for change in told]
     return f"Against the present design: {'; '.join(parts)}."
 
 
-def number(value: float) -> str:
-    """Three digits, never with an exponent for what people read."""
-    if not math.isfinite(value):
-        return "none"
-    return f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}"
+def _number(value: float) -> str:
+    return three_digits(value) if math.isfinite(value) else "none"
 
 
 def _judged(name: str, unit: str, present: float, new: float, larger_is_better: bool, same_share: float = SAME_SHARE) -> TuningChange:

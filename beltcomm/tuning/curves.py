@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from beltcomm.arrays import Array, ComplexArray
+from beltcomm.arrays import Array, ComplexArray, decibels
 from beltcomm.control import Cascade
 from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.loops import closed_loop_inputs, frequencies, open_loops
@@ -59,7 +59,6 @@ def open_loop_curves(plant: DesignPlant, cascade: Cascade, period_s: float) -> O
     plant : DesignPlant
         With its dead time.
     cascade : Cascade
-        The controller.
     period_s : float, s
         T of the controller.
     """
@@ -75,7 +74,6 @@ def span_s(cascade: Cascade) -> float:
     Parameters
     ----------
     cascade : Cascade
-        The controller.
     """
     slowest = max(1.0 / cascade.kpp_1_s, cascade.kp_nm_s_rad / cascade.ki_nm_rad / 3.0)
     return next((span for span in SPANS_S if span >= _TIME_CONSTANTS * slowest), SPANS_S[-1])
@@ -89,7 +87,6 @@ def responses(plant: DesignPlant, cascade: Cascade, period_s: float, span: float
     plant : DesignPlant
         With its dead time.
     cascade : Cascade
-        The controller.
     period_s : float, s
         T of the controller.
     span : float, s
@@ -126,4 +123,4 @@ def _speed(plant: DesignPlant) -> int:
 def _bode(loop: ComplexArray) -> tuple[Array, Array]:
     """Gain, dB, and phase, deg, the first within 0 .. −360."""
     phase = np.degrees(np.unwrap(np.angle(loop)))
-    return 20.0 * np.log10(np.abs(loop)), phase - 360.0 * math.ceil(phase[0] / 360.0 - 0.125)
+    return decibels(loop), phase - 360.0 * math.ceil(phase[0] / 360.0 - 0.125)

@@ -111,7 +111,12 @@ class SliderSetting:
         return self.payload_kg if self.loaded else 0.0
 
     def turned(self, knobs: Knobs) -> SliderSetting:
-        """Setting with other knobs."""
+        """Setting with other knobs.
+
+        Parameters
+        ----------
+        knobs : Knobs
+        """
         return replace(
             self,
             phase_margin_deg=knobs.phase_margin_deg,

@@ -120,4 +120,4 @@ def _made(bench: Bench, setting: SliderSetting, kind: str, pace: str) -> Preset:
     except OutOfReach as problem:  # by a hair: sliders stand on what the search left, and ask for it again
         return Preset(kind, pace, None, str(problem))
     error = bench.tracked(design.cascade, setting.shown_kg).error.dynamic_m
-    return Preset(kind, pace, found, "", shown.worst.position_crossover_hz, design.stiffness, error)
+    return Preset(kind, pace, found, "", shown.worst.position_bandwidth_at_rest_hz, design.stiffness, error)

@@ -69,11 +69,24 @@ class AxisDrift:
             self._places.begin_anew()
 
     def add(self, move: JudgedMove) -> list[Standing]:
-        """One more move; how all stand now."""
+        """One more move; how all stand now.
+
+        Parameters
+        ----------
+        move : JudgedMove
+        """
         return self.add_told({**move.quantities, ERROR: MoveEstimate(move.ratio, move.ratio_interval)}, move.places)
 
     def add_told(self, told: Mapping[str, MoveEstimate], places: Mapping[int, MoveEstimate] | None = None) -> list[Standing]:
-        """Add what a move told, of the axis and of places of its travel; how all stand now."""
+        """Add what a move told, of the axis and of places of its travel; how all stand now.
+
+        Parameters
+        ----------
+        told : mapping of str to MoveEstimate
+            By the keys of the quantities that are watched.
+        places : mapping of int to MoveEstimate or None
+            By the number of the place; None where none are watched.
+        """
         for key, last in self._last.items():
             if key not in told:
                 continue

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -50,8 +50,7 @@ ALIKE = 0.01
 IMPLAUSIBLE = 2.5
 #: Error, as a share of the run's, above which other stiffnesses are tried; those, as shares of the run's; how much better one must be:
 #: a belt that rings several times in a move leaves a minimum for every ring more or less, of which a fit that finds another load takes the
-#: wrong one.  Share by which a stiffness is off the run's from which on that is tried, too.
-ASIDE = 0.05
+#: wrong one.
 ASTRAY, STIFFNESSES, BETTER = 1.2, (0.9, 0.8, 0.7, 0.6, 1.1), 0.8
 
 
@@ -134,24 +133,25 @@ class Judge:
         return model[self._names[key]]
 
     def prepared(self, moves: Sequence[Recording], model: Model | None = None) -> Data:
-        """Moves as the run's fit sees its own records."""
+        """Moves as the run's fit sees its own records, behind a belt each model in the noise that it passes on itself.
+
+        In the noise of another belt rounding is least at that belt's stiffness, so that a gentle move told where its fit began.
+
+        Parameters
+        ----------
+        moves : sequence of Recording
+        model : Model or None
+            None for the run's.
+        """
         data = self._data
         shares = [piece.rounding for piece in data.held_out or data.fitted]
         usual = (float(np.median([s[0] for s in shares])), float(np.median([s[1] for s in shares])))
-        return prepare_records(
-            moves,
-            model or self.model,
-            data.noise_nm,
-            data.step_rad,
-            {move.name: usual for move in moves},
-            data.substeps,
-            data.path,
-            data.reversals,
-            data.colour,
-            data.single,
-        )
+        known = (data.noise_nm, data.step_rad, {move.name: usual for move in moves}, data.substeps, data.path, data.reversals, data.colour)
+        seen = prepare_records(moves, model or self.model, *known, data.single)
+        own = "cart" in self.model.base_bodies
+        return replace(seen, fitted=tuple(replace(piece, own_noise=own or piece.own_noise) for piece in seen.fitted))
 
-    def fitted_to(self, moves: Sequence[Recording], kind: tuple[int, ...] = ()) -> Fitted:
+    def _fitted_to(self, moves: Sequence[Recording], kind: tuple[int, ...] = ()) -> Fitted:
         """The run's model with what ages fitted to moves: from where the last ones left it; where that is astray, from elsewhere, too.
 
         Parameters
@@ -168,13 +168,9 @@ class Judge:
         if start is not self.model and (not self._plausible(best) or best.ratio > ASTRAY * self.ratio):
             best = best_of(best, self._fit(moves, self.model))
         stiffness = next((name for name in self._names.values() if name.startswith("belt_")), None)
-        if stiffness is None:
+        if stiffness is None or not best.ratio > ASTRAY * self.ratio:
             return best
         bounds = self.model.parameters[stiffness]
-        if abs(best.model[stiffness] / bounds.value - 1.0) > ASIDE:  # with the load that was found, and not a ring more or less
-            best = best_of(best, self._fit(moves, best.model.with_values({stiffness: bounds.value})))
-        if not best.ratio > ASTRAY * self.ratio:
-            return best
         others = [float(np.clip(share * bounds.value, bounds.low, bounds.high)) for share in STIFFNESSES]
         tried = [self._fit(moves, self.model.with_values({stiffness: value})) for value in others]
         other = best_of(*tried)
@@ -193,7 +189,17 @@ class Judge:
         return [name for name in self.model.parameters if name not in self._names.values()]
 
     def judge(self, move: Recording) -> JudgedMove:
-        """One more move held against the fit of the run.   Raises DataError for one that holds nothing that counts."""
+        """One more move held against the fit of the run.
+
+        Parameters
+        ----------
+        move : Recording
+
+        Raises
+        ------
+        DataError
+            For one that holds nothing that counts.
+        """
         data = self.prepared([move])
         values = sum(len(piece.value_samples) for piece in data.fitted)
         if values < FEWEST_VALUES:
@@ -203,7 +209,7 @@ class Judge:
         self._together[kind] = together, before + values
         together.append(move)
         if before + values >= ENOUGH or len(together) >= MOST_TOGETHER:
-            fitted = self.fitted_to(together, kind)
+            fitted = self._fitted_to(together, kind)
             found, places = {}, {}
             if self._plausible(fitted):
                 found, places = self._told(fitted), self._places(fitted, together)
@@ -249,8 +255,15 @@ class Judge:
         return friction_at_places(fitted, self.width_m) if known and self.width_m is not None else {}
 
     def suspects(self, moves: Sequence[Recording], most: int = 3) -> list[tuple[str, str, float]]:
-        """Effects by which the error of these moves would fall most, by the score test: name, title, evidence."""
-        fitted = self.fitted_to(moves)
+        """Effects by which the error of these moves would fall most, by the score test: name, title, evidence.
+
+        Parameters
+        ----------
+        moves : sequence of Recording
+        most : int
+            Effects that are named.
+        """
+        fitted = self._fitted_to(moves)
         scorer, ground = Scorer(fitted), ground_of(fitted, fitted.problem.pieces, self.axis)
         found = []
         for effect in EFFECTS:
@@ -262,7 +275,17 @@ class Judge:
         return sorted(found, key=lambda one: -one[2])[:most]
 
     def start_of(self, position: float) -> float | None:
-        """Carriage position at a position of the drive, as in the run; None where the run does not tell or that is off the travel."""
+        """Carriage position at a position of the drive, as in the run; None where the run does not tell or that is off the travel.
+
+        Parameters
+        ----------
+        position : float, rad, motor shaft
+            As the drive's log has it.
+
+        Returns
+        -------
+        float or None, m
+        """
         ratio = self.model.get("transmission.ratio")
         if self.zero_m is None or not ratio:
             return None

@@ -28,7 +28,7 @@ class Limit:
     absolute: bool = False
 
     def values(self, first: float) -> tuple[float | None, float | None]:
-        """Both in SI.
+        """Lower and upper limit in SI; None where there is none.
 
         Parameters
         ----------

@@ -33,7 +33,6 @@ def append(run: Path, entry: Mapping[str, Any]) -> None:
     Parameters
     ----------
     run : Path
-        Of the run folder.
     entry : mapping of str to Any
         Plain values for JSON.
 
@@ -62,7 +61,6 @@ def entries(run: Path, *, marks: bool = False) -> Iterable[Mapping[str, Any]]:
     Parameters
     ----------
     run : Path
-        Of the run folder.
     marks : bool
         Lines with ``ANEW``, too.
     """
@@ -143,7 +141,6 @@ def by_day(run: Path) -> list[tuple[float, dict[str, tuple[float, float]]]]:
     Parameters
     ----------
     run : Path
-        Of the run folder.
     """
     told: dict[int, dict[str, list[MoveEstimate]]] = {}
     dates: dict[int, list[float]] = {}

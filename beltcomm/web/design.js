@@ -247,7 +247,7 @@ export function design(ask) {
       }
       button.disabled = false;
       button.replaceChildren(`${number(found.position_crossover_hz)} Hz`, element("br"), `${mm(found.dynamic_m)} mm`);
-      button.title = `${kind.words}; ${pace.title}: position bandwidth ${number(found.position_crossover_hz)} Hz, predicted error ${mm(found.dynamic_m)} mm`;
+      button.title = `${kind.words}; ${pace.title}: position bandwidth at rest ${number(found.position_crossover_hz)} Hz, predicted error ${mm(found.dynamic_m)} mm`;
       button.setAttribute("aria-label", `${kind.title}, ${button.title}`);
       button.addEventListener("click", () => turn({ ...found.setting, payload_kg: setting.payload_kg, position_m: setting.position_m, loaded: setting.loaded }));
       if (!best[pace.key] || found.stiffness > best[pace.key].stiffness) {

@@ -84,7 +84,7 @@ export function laboratory(ask) {
     $("clear").disabled = false;
     const unit = unitOf(along), most = Object.entries(told.records).sort((a, b) => b[1] - a[1])[0], share = Math.round(100 * Math.max(told.share, 0));
     $("explain-title").textContent = `What could explain ${TITLES[along]} ${number(low)} to ${number(high)} ${unit}${record ? ` in ${record}` : ""}?`;
-    $("explain-words").textContent = told.samples ? `${number(told.ratio)} times the noise there${told.force === null ? "" : `, ${number(found.units.factor * told.force)} ${found.units.small} rms`}; it holds ${share} % of all that lies above the noise` +
+    $("explain-words").textContent = told.samples ? `${number(told.ratio, 2)} times the noise there${told.force === null ? "" : `, ${number(found.units.factor * told.force)} ${found.units.small} rms`}; it holds ${share} % of all that lies above the noise` +
       (most && !record ? `, most of it in ${most[0]}` : "") + "." + (told.mean.length ? ` Mean: ${told.mean.map((v, i) => `${v === null ? "–" : number(found.units.factor * v)} ${found.units.small} ${["forward", "backward"][i]}`).join(", ")}.` : " Marked are the samples where it is loud.") : "No sample lies there.";
     drawCandidates(told.candidates.filter((one) => told.searched || one.likely), told.searched ? (told.candidates.length ? "" : "None of the known effects explains a hundredth of it.") : WEIGHING);
     if (!again) requestAnimationFrame(() => window.timings.segment.push(performance.now() - clicked));
@@ -98,7 +98,7 @@ export function laboratory(ask) {
     $("ratio").textContent = `${found.ratio.toFixed(2)} × the noise`;
     $("ratio").className = `big ${found.ratio <= found.explained ? "good" : "bad"}`;
     const plain = found.plain ? ` That is ${number(found.units.factor * found.plain.error)} ${found.units.small}, ${number(found.plain.percent)} % of the torque.` : "";
-    $("ratio-words").textContent = `${found.ratio <= found.explained ? "The model explains what was measured." : "Something is missing in the model."} At 1.00 nothing but noise is left.${plain}` +
+    $("ratio-words").textContent = `${found.ratio <= found.explained ? "Fitted to all records, the model explains what was measured." : "Fitted to all records, the model still lacks something."} At 1.00 nothing but noise is left.${plain}` +
       (found.held_out === null ? "" : ` Records held out: ${found.held_out.toFixed(2)}.`) + (found.change ? ` ${found.change.change}: ${found.before ? found.before.ratio.toFixed(2) : ""} → ${found.ratio.toFixed(2)}.` : "");
     $("effects").replaceChildren(...found.effects.map((one) => {
       const chip = element("span", { title: one.title }, one.name.replaceAll("_", " "));

@@ -57,7 +57,18 @@ class PageFiles:
     beside: Mapping[str, str]
 
     def text(self, name: str = "") -> str:
-        """A file by its name; without one the page.   Raises KeyError for one that is no part of it."""
+        """A file by its name.
+
+        Parameters
+        ----------
+        name : str
+            "" for the page.
+
+        Raises
+        ------
+        KeyError
+            For one that is no part of it.
+        """
         place = self.beside[name] if name else self.html
         return files("beltcomm.web").joinpath(place).read_text(encoding="utf-8")
 
@@ -95,6 +106,14 @@ def application(page: PageFiles, answers: Answers, token: str) -> WSGIApplicatio
 
     An answer that raises BeltcommError becomes 422 with the sentence.   Anything without the token is not found, under another host's name
     or from another site's page forbidden.
+
+    Parameters
+    ----------
+    page : PageFiles
+    answers : Answers
+        By the last part of their address.
+    token : str
+        Long enough that nobody guesses it.
     """
     rules = [Rule("/<secret>/", endpoint="html", methods=["GET"])]
     rules += [Rule(f"/<secret>/{name}", endpoint=f"file {name}", methods=["GET"]) for name in page.beside]

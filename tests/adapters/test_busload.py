@@ -7,16 +7,16 @@ import pytest
 from adapters.stub_node import StubBus, StubNode
 from beltcomm.drive import open_drive
 from beltcomm.errors import UsageError
-from beltcomm_adapters.busload import LARGEST_LOAD, cycle_s, frame_bits, fullest, plan_exchange
+from beltcomm_adapters.busload import LARGEST_LOAD, _cycle_s, _frame_bits, fullest, plan_exchange
 from beltcomm_adapters.canopen import connect
-from beltcomm_adapters.exchange import map_pdo, silence
+from beltcomm_adapters.exchange import _silence, map_pdo
 from beltcomm_adapters.link import Link
 from beltcomm_adapters.profiles import load_profile
 from beltcomm_adapters.sdo import SdoObjects
 
 
 def test_bits_of_a_frame():
-    assert [frame_bits(n) for n in (0, 4, 6, 8)] == [55, 95, 115, 135]
+    assert [_frame_bits(n) for n in (0, 4, 6, 8)] == [55, 95, 115, 135]
 
 
 @pytest.mark.parametrize(
@@ -24,8 +24,8 @@ def test_bits_of_a_frame():
 )
 def test_the_table_of_cycle_times(bitrate, torque_ms, more_ms):
     # SYNC + 6040h with 6071h + 6064h with 6077h and 6041h; and 606Ch with 6078h
-    assert 1e3 * cycle_s(bitrate, (4, 8)) == pytest.approx(torque_ms, rel=0.02)
-    assert 1e3 * cycle_s(bitrate, (4, 8, 6)) == pytest.approx(more_ms, rel=0.02)
+    assert 1e3 * _cycle_s(bitrate, (4, 8)) == pytest.approx(torque_ms, rel=0.02)
+    assert 1e3 * _cycle_s(bitrate, (4, 8, 6)) == pytest.approx(more_ms, rel=0.02)
 
 
 def test_the_fullest_exchange_follows_from_the_mapping():
@@ -103,7 +103,7 @@ def test_a_strict_drive_lets_its_pdos_be_mapped_and_given_back():
         objects = SdoObjects(Link(bus, bus.clock, 1))
         with objects.lend() as lending:
             assert map_pdo(objects, lending, "receive", 0, ((0x6040, 0, 16), (0x6071, 0, 16))) == 0x201
-            silence(objects, lending, "transmit", 2)
+            _silence(objects, lending, "transmit", 2)
             assert node.get(0x1400, 1) == 0x40000201
             assert node.get(0x1802, 1) == 0xC0000581
         assert node.objects == before

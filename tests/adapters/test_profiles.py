@@ -71,7 +71,7 @@ def test_nothing_that_is_never_written_is_among_what_is_written(name):
     factor_group = {(0x6094, 1), (0x6094, 2)}
     places = own | factor_group | {(index, sub) for index in WRITTEN for sub in (0, 1, 2)}
     assert len(WRITTEN) > 12  # the pattern still finds them
-    assert {place for place in places if locks.lock_of(*place)} == set()
+    assert {place for place in places if locks._lock_of(*place)} == set()
 
 
 @pytest.mark.parametrize("name", NAMES)

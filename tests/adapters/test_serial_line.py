@@ -12,7 +12,7 @@ import pytest
 
 from adapters.stub_line import StubClock, StubLine
 from beltcomm.errors import BeltcommError, BusError, DriveError, ObjectLocked, ObjectRefused
-from beltcomm_adapters.serial_line import BITRATES, Abort, ObjectAnswer, SerialLine, Text, parse
+from beltcomm_adapters.serial_line import BITRATES, Abort, ObjectAnswer, SerialLine, Text, _parse
 from beltcomm_adapters.serial_objects import SerialObjects
 
 
@@ -48,7 +48,7 @@ def objects(stub):
     ],
 )
 def test_a_line_is_a_value_a_refusal_or_text(raw, line):
-    assert parse(raw) == line
+    assert _parse(raw) == line
 
 
 def test_no_bytes_make_the_parser_raise():
@@ -59,7 +59,7 @@ def test_no_bytes_make_the_parser_raise():
         for _ in range(rng.randrange(4)):
             if raw:
                 raw[rng.randrange(len(raw))] = rng.randrange(256)
-        line = parse(bytes(raw))
+        line = _parse(bytes(raw))
         if isinstance(line, ObjectAnswer):  # what is taken for a value must be the line itself, in hex of the right width
             assert line.text.encode() == bytes(raw).strip(b" \n\t\0")
 

@@ -84,7 +84,7 @@ def test_the_kernel_sends_sync_where_there_is_one(logged: bool) -> None:
     bus = SocketcanBus(StubNode())
     frames: list[Any] = []
     opened = LoggedBus(bus, bus.clock, frames.append) if logged else bus
-    assert sync_source.broadcast_by_kernel(opened)
+    assert sync_source._broadcast_by_kernel(opened)
     with CanopenDrive(opened, bus.clock, 1, "cia402", None, bus.shutdown) as drive:
         rows: list[Any] = []
         report = drive.record(motion(200, 2e-3), LIMITS, rows.append)
@@ -115,5 +115,5 @@ def test_a_sync_that_the_host_was_late_for_is_a_lost_row_and_setpoints_keep_thei
 
 def test_a_bus_without_a_kernel_is_kept_by_the_host() -> None:
     bus = StubBus(StubNode())
-    assert not sync_source.broadcast_by_kernel(bus)
+    assert not sync_source._broadcast_by_kernel(bus)
     assert isinstance(sync_source.sync_source(Link(bus, bus.clock, 1), 1e-3), sync_source.HostSync)

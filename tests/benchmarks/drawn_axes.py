@@ -18,7 +18,7 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from beltcomm.study.summary import share_of
+from beltcomm.study.summary import _share_of
 from session.drawn_axis import commissioned
 
 
@@ -34,7 +34,7 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             rows.append(commissioned(seed, Path(folder), given.highest))
         print(json.dumps(rows[-1]), flush=True)
-    right = share_of("right", sum(row["right"] for row in rows), len(rows))
+    right = _share_of("right", sum(row["right"] for row in rows), len(rows))
     beyond, outside = sum(row["belt"] > row["bears"] for row in rows), sum(not row["inside"] for row in rows)
     share = f"{right.count} of {right.of} right ({100 * right.low:.0f} to {100 * right.high:.0f} %)"
     print(f"{share}; belt beyond its limit {beyond}, off its travel {outside}")

@@ -44,7 +44,7 @@ import yaml
 from beltcomm.axis import load_axis
 from beltcomm.configfiles import config_names, find_config
 from beltcomm.experiments.stops_out_of_move import host_loss_limit_n
-from beltcomm.study.summary import share_of
+from beltcomm.study.summary import _share_of
 from campaign.judge import TRAVEL_M
 from campaign.rig import STANDING_M_S, Outcome
 from campaign.sharing import shared
@@ -283,7 +283,7 @@ def line(name: str, some: list[dict[str, Any]]) -> str:
     """One line on stops."""
     belt, planned, way = (np.array([row[key] for row in some]) for key in ("belt_n", "planned_n", "way_m"))
     above = int((belt > planned + ROUNDED_N).sum())
-    share = share_of(name, above, len(some))
+    share = _share_of(name, above, len(some))
     bad = [sum(not row[key] for row in some) for key in ("stands", "inside", "restored")]
     beyond = f"{above} above the plan ({100 * share.low:.1f} to {100 * share.high:.1f} %)"
     wrong = f"not at rest {bad[0]}, outside {bad[1]}, not restored {bad[2]}"

@@ -34,7 +34,7 @@ import numpy as np
 from beltcomm.axis import load_axis
 from beltcomm.model import load_plant
 from beltcomm.simulate.plant import SimulatedPlant
-from beltcomm.study.summary import share_of
+from beltcomm.study.summary import _share_of
 from campaign.judge import TRAVEL_M
 from campaign.rig import BUFFERS_M, PLANT, STANDING_M_S, START_M
 from campaign.sharing import shared
@@ -173,7 +173,7 @@ def line(name: str, some: list[dict[str, Any]]) -> str:
     """One line on stops."""
     belt, bears, swing = (np.array([row[key] for row in some]) for key in ("belt_n", "bears_n", "swing_n"))
     above = int((belt > bears).sum())
-    share = share_of(name, above, len(some))
+    share = _share_of(name, above, len(some))
     bad = [sum(not row[key] for row in some) for key in ("stands", "inside", "restored")]
     wrong = f"not at rest {bad[0]}, outside {bad[1]}, not restored {bad[2]}"
     return (

@@ -15,12 +15,8 @@ from typing import Any
 import beltcomm
 from beltcomm import api
 from beltcomm.axis import load_axis
+from beltcomm.experiments.options import Options
 from beltcomm.recording import Recording
-
-try:
-    from beltcomm.experiments.options import Options
-except ImportError:  # before the rooms
-    from beltcomm.session.options import Options
 
 HOME = Path(beltcomm.__file__).parent
 #: Values of an argument that are looked at: a recording, or the first of a row of them.

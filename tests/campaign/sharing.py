@@ -15,6 +15,7 @@ import numpy as np
 
 from beltcomm.experiments import commission as sequence
 from beltcomm.experiments import phases, proving, raising, stops_out_of_move, verification
+from beltcomm.identify import final
 from beltcomm.machine import stops
 from beltcomm.rundata import analyse, offline
 
@@ -28,6 +29,7 @@ PURE: tuple[tuple[Any, str], ...] = (
     (stops, "braked_by_loop"),
     (sequence, "final_model"),
     (offline, "final_model"),
+    (final, "final_model"),
     (proving, "predict_move"),
     (verification, "predict_move"),
     (stops_out_of_move, "predict_stop_out_of_move"),

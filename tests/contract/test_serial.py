@@ -16,7 +16,7 @@ from beltcomm.errors import BeltcommError, BusError, DriveError, DriveFault, Ref
 from beltcomm.identify.friction import find_plateaus, fit_friction
 from beltcomm.virtual.faults import Faults
 from beltcomm.virtual.service_port import LineFaults
-from beltcomm_adapters.serial import connect
+from beltcomm_adapters.serial import _connect
 from beltcomm_adapters.serial_strokes import Trapezoid
 from beltcomm_adapters.virtual_serial import ServedSerial
 from contract.conftest import Machine, RigidPlant, open_virtual
@@ -377,7 +377,7 @@ def over_a_pseudo_terminal() -> tuple[RigidPlant, list[Row], int]:
         server = threading.Thread(target=served._terminal.serve, args=(lambda: not over.is_set(),))
         server.start()
         try:
-            with connect(served.reached_as.removeprefix("serial:"), 115200, "cmmp-as", False) as drive:
+            with _connect(served.reached_as.removeprefix("serial:"), 115200, "cmmp-as", False) as drive:
                 assert isinstance(drive.version, str)
                 stored = _with_gains(drive, plant)
                 assert drive.backup() == stored

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import Cascade, Feedforward, cascade_step, discrete_coefficients, feedforward_torque, new_state, reset_state
-from beltcomm.design.compliant import centred_mean, compliance, lead_motion, torque_along, with_rest_before
+from beltcomm.design.compliant import _centred_mean, _compliance, lead_motion, torque_along, with_rest_before
 from beltcomm.errors import UsageError
 from beltcomm.model import Model, build_model
 from beltcomm.trajectory import Trajectory, plan_trajectory
@@ -143,10 +143,10 @@ def test_gravity_stretches_the_belt_all_the_time() -> None:
 
 
 def test_the_compliance_is_that_of_all_springs_between_motor_and_carriage() -> None:
-    assert compliance(model(), np.array([0.1, 0.3])) == pytest.approx(1.0 / STIFFNESS)
+    assert _compliance(model(), np.array([0.1, 0.3])) == pytest.approx(1.0 / STIFFNESS)
     coupled = model(**{"coupling.stiffness": 168.75})
     expected = 1.0 / STIFFNESS + RATIO**2 / 168.75
-    assert compliance(coupled, np.array([0.2])) == pytest.approx(expected, rel=1e-9)
+    assert _compliance(coupled, np.array([0.2])) == pytest.approx(expected, rel=1e-9)
 
 
 def test_an_axis_without_a_belt_has_nothing_to_lead() -> None:
@@ -157,8 +157,8 @@ def test_an_axis_without_a_belt_has_nothing_to_lead() -> None:
 
 def test_smoothing_keeps_the_mean_and_the_ends_and_rest_stands_before_the_motion() -> None:
     values = np.concatenate((np.zeros(20), np.ones(20)))
-    assert np.sum(centred_mean(values, 5)) == pytest.approx(20.0)
-    assert centred_mean(values, 5)[[0, -1]] == pytest.approx([0.0, 1.0])
+    assert np.sum(_centred_mean(values, 5)) == pytest.approx(20.0)
+    assert _centred_mean(values, 5)[[0, -1]] == pytest.approx([0.0, 1.0])
     path = with_rest_before(move(), 7)
     assert np.all(path.position_m[:8] == 0.0)
     assert path.position_m[8:] == pytest.approx(move().position_m[1:])

@@ -19,7 +19,7 @@ from scipy import signal
 from beltcomm import api
 from beltcomm.cli.main import cli
 from beltcomm.control import Cascade, Feedforward, Prefilter, cascade_step, discrete_coefficients, new_state, prefilter_coefficients
-from beltcomm.design.conversion import Pid, least_proportional, to_cascades, to_pid
+from beltcomm.design.conversion import Pid, _least_proportional, to_cascades, to_pid
 from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.thesis import thesis_margins
 from beltcomm.errors import DataError, Refused, UsageError
@@ -231,7 +231,7 @@ def moved_without_load(numbers: NDArray, state: NDArray) -> float:  # type: igno
 
 def test_the_condition_is_sharp_and_says_its_number() -> None:
     pid = Pid(1.0, 8.0, 0.12, derivative_filter_s=0.002)
-    least = least_proportional(pid, PERIOD)
+    least = _least_proportional(pid, PERIOD)
     assert least == pytest.approx(0.003 * 8.0 + 2.0 * math.sqrt(0.96))
     with pytest.raises(Refused, match=r"negative, its zeros are complex .* raise P to 1\.98359 N m/rad") as caught:
         to_cascades(pid, PERIOD)

@@ -9,10 +9,10 @@ import pytest
 
 from beltcomm.control import Cascade, Prefilter, PrefilterKind
 from beltcomm.design.design_plant import DesignPlant
-from beltcomm.design.knobs import Knobs, designs_along_knob, gains_for, knobs_of
+from beltcomm.design.knobs import Knobs, _gains_for, designs_along_knob, knobs_of
 from beltcomm.design.thesis import thesis_margins
 from beltcomm.errors import Refused
-from beltcomm.thesis.designs import published_gains, thesis_plants
+from beltcomm.thesis.designs import _published_gains, thesis_plants
 
 G_A, G_B, S_A, S_B, S_C = thesis_plants()
 
@@ -25,7 +25,7 @@ def test_knobs_to_gains_to_knobs_to_one_in_a_million(plant: DesignPlant, kind: P
     for _ in range(12):
         knobs = Knobs(float(rng.uniform(30.0, 75.0)), float(rng.uniform(50.0, 86.0)), float(rng.uniform(-20.0, -6.0)))
         try:
-            design = gains_for(plant, kind, knobs)
+            design = _gains_for(plant, kind, knobs)
         except Refused:
             continue
         solved += 1
@@ -39,7 +39,7 @@ def test_knobs_to_gains_to_knobs_to_one_in_a_million(plant: DesignPlant, kind: P
 
 def test_knobs_are_what_an_independent_formula_says() -> None:
     """C_B on G_A: the loop written out from table A.4 and the printed filters, read on a grid of 2 million frequencies."""
-    cascade = published_gains(G_A)["C_B (Butterworth)"]
+    cascade = _published_gains(G_A)["C_B (Butterworth)"]
     s = 1j * np.linspace(1.0, 120.0, 2_000_000)
     i, theta, m, c, dm, dc = 0.01242, 71.73e-6, 13.44, 203.74e3, 33.17, 226.42
 
@@ -66,7 +66,7 @@ def test_knobs_are_what_an_independent_formula_says() -> None:
 )
 def test_the_published_gains_come_back_from_their_knobs(name: str, knobs: tuple[float, float, float]) -> None:
     """Tables A.6, A.7 and the margins in the thesis sheet; the notch stands at its printed d_n of 4.60."""
-    cascade = published_gains(G_A)[name]
+    cascade = _published_gains(G_A)[name]
     setting = knobs_of(G_A, cascade)
     stands = (setting.knobs.phase_margin_deg, setting.knobs.position_phase_margin_deg, setting.knobs.suppression_db)
     assert stands == pytest.approx(knobs, abs=0.05)
@@ -118,7 +118,7 @@ def test_a_knob_that_cannot_stand_there_says_why() -> None:
 
 def test_gains_beyond_the_antiresonance_have_knobs_that_lead_elsewhere() -> None:
     """K_P five times table A.7: the first crossover still has a margin, but the equations do not give these gains back."""
-    gains = replace(published_gains(G_A)["C_B (Butterworth)"], kp_nm_s_rad=0.6)
+    gains = replace(_published_gains(G_A)["C_B (Butterworth)"], kp_nm_s_rad=0.6)
     setting = knobs_of(G_A, gains)
     assert not setting.same
     assert setting.knobs.suppression_db == pytest.approx(thesis_margins(G_A, gains).suppression_db)

@@ -18,7 +18,7 @@ from beltcomm.drive import open_drive
 from beltcomm.drive.parameters import cascade_to_parameters, parameters_to_cascade
 from beltcomm.model import load_plant
 from beltcomm.rundata.analyse import design_plants
-from beltcomm.thesis.discretisation import prefilter_bound
+from beltcomm.thesis.discretisation import _prefilter_bound
 from design.closed_loop import PERIOD, growth_per_second, run
 
 WITH = CascadeStructure("reference", PERIOD, ("none", "notch", "butterworth"), True, True, True, roll_off=True)
@@ -111,7 +111,7 @@ def test_bound_and_continuous_form_know_the_low_pass() -> None:
     expected = continuous_prefilter(omega, Prefilter("notch", 673.0, 4.6)) / ((s / 900.0) ** 2 + np.sqrt(2.0) * s / 900.0 + 1.0)
     np.testing.assert_allclose(continuous, expected, rtol=1e-12)
     error = np.abs(prefilter_response(omega, ROLLED_OFF, PERIOD) / continuous - 1.0)
-    assert np.all(error <= prefilter_bound(omega, ROLLED_OFF, PERIOD) + 1e-9)
+    assert np.all(error <= _prefilter_bound(omega, ROLLED_OFF, PERIOD) + 1e-9)
 
 
 def test_parameters_carry_the_low_pass_and_old_ones_have_none() -> None:

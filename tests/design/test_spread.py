@@ -8,16 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from scipy.special import stdtrit
 from threadpoolctl import ThreadpoolController
 
 from beltcomm.control import Cascade, Prefilter
 from beltcomm.design import design_plant
 from beltcomm.design.design_plant import DesignPlant, sample_plants
 from beltcomm.design.margins import Margins, margins
-from beltcomm.design.spread import margin_spread, responses_together
+from beltcomm.design.spread import _responses_together, margin_spread
 from beltcomm.design.structure import Bodies
 from beltcomm.errors import UsageError
-from beltcomm.fit.uncertainty.remarks import joint_draws
+from beltcomm.fit.uncertainty.draws import joint_draws, share_within_bounds
 from design.closed_loop import PERIOD, growth_per_second, run
 
 RATIO = 0.01242
@@ -43,7 +44,7 @@ THREE = replace(
 def test_responses_together_are_the_single_ones(plant: DesignPlant) -> None:
     """Through poles and a numerator instead of a matrix inverse, also with a double pole at 1: to 1e-8 from 0.3 rad/s up to π/T."""
     omega = np.geomspace(0.3, 0.999 * math.pi / PERIOD, 60)
-    together = responses_together(*sample_plants([plant, plant], PERIOD), np.array([omega, omega[::-1]]), PERIOD)
+    together = _responses_together(*sample_plants([plant, plant], PERIOD), np.array([omega, omega[::-1]]), PERIOD)
     alone = plant.sampled_response(omega, PERIOD)
     np.testing.assert_allclose(together[0], alone, rtol=1e-8)
     np.testing.assert_allclose(together[1][::-1], alone, rtol=1e-8)
@@ -128,6 +129,31 @@ def test_draws_have_the_law_asked_for_and_keep_the_bounds() -> None:
     bounded = joint_draws(mean, covariance, np.array([13.3, 0.0]), np.array([13.5, 2.0]), 500, seed=1)
     assert bounded[:, 0].min() == 13.3
     assert bounded[:, 1].max() == 2.0
+
+
+def test_two_of_which_only_the_sum_is_known_keep_it_at_their_bounds() -> None:
+    """Frictions at motor and carriage, each anything from 0 on, together 0.13 ± 0.002: a draw below 0 is no more of the other."""
+    mean, apart = np.array([0.07, 0.06]), np.array([1.0, -1.0])
+    covariance = 0.8**2 * np.outer(apart, apart) + 0.001**2 * np.eye(2)
+    free, bounded = (
+        joint_draws(mean, covariance, low, np.full(2, 50.0), 500, freedom=3.0, seed=2) for low in (np.full(2, -50.0), np.zeros(2))
+    )
+    below = free.min(axis=1) < 0.0
+    assert 0.5 < below.mean() < 1.0
+    assert bounded.min() == 0.0
+    np.testing.assert_array_equal(bounded[~below], free[~below])
+    np.testing.assert_allclose(bounded.sum(axis=1), free.sum(axis=1), atol=2e-6 * 50.0)
+
+
+def test_the_bounds_of_two_frictions_leave_each_no_more_than_their_sum() -> None:
+    """And nothing of a third parameter that has nothing to do with them; without a bound in reach every interval stays."""
+    mean, covariance, low = np.array([0.07, 0.06, 5.0]), np.diag([1e-6, 1e-6, 0.25]), np.array([0.0, 0.0, -np.inf])
+    covariance[:2, :2] += 0.64 * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    shares = share_within_bounds(mean, covariance, low, freedom=3.0)
+    unbounded = 0.8 * stdtrit(3.0, 0.975)
+    np.testing.assert_allclose(shares[:2] * unbounded, [0.07, 0.07], rtol=0.1)  # of one the other is left, 0.13 - 0.06
+    assert shares[2] == pytest.approx(1.0, abs=1e-6)
+    np.testing.assert_array_equal(share_within_bounds(mean, covariance, np.full(3, -np.inf), freedom=3.0), 1.0)
 
 
 def test_draws_without_plants_are_no_draws() -> None:

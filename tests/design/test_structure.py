@@ -9,7 +9,7 @@ from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import Cascade, CascadeStructure, Prefilter
 from beltcomm.design.compensation import compensated_effects, compensation
 from beltcomm.design.design_plant import DesignPlant
-from beltcomm.design.structure import in_loop, late_s, loop_model
+from beltcomm.design.structure import _in_loop, late_s, loop_model
 from beltcomm.model import Model, load_plant
 from beltcomm.model.linear import operating_point, state_space
 from beltcomm.rundata.analyse import design_plants, with_feedforward
@@ -32,7 +32,7 @@ def plant_of(model: Model) -> DesignPlant:
 
 @pytest.mark.parametrize("effect", ["cogging", "stribeck", "friction_position", "constant_offset", "torque_saturation", "cable_chain"])
 def test_what_is_outside_the_loop_changes_no_plant(effect: str) -> None:
-    assert "viscous" in in_loop(rig(effect)).effects
+    assert "viscous" in _in_loop(rig(effect)).effects
     assert plant_of(rig(effect)) == plant_of(rig())
 
 

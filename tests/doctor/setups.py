@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import errno
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,12 +18,12 @@ import can
 from click.testing import CliRunner, Result
 
 from beltcomm.cli.main import cli
-from beltcomm.drive import Adapter, FoundAdapter
+from beltcomm.drive import Adapter, FoundAdapter, find_adapters
 from beltcomm.drive.finding import Finding
 from beltcomm.virtual.bus import LockstepBus
 from beltcomm.virtual.device import VirtualDrive
 from beltcomm.virtual.faults import Faults
-from beltcomm_adapters.buses import is_socketcan
+from beltcomm_adapters.buses import _is_socketcan
 from beltcomm_adapters.examination.can import examine_can
 from beltcomm_adapters.examination.host import Host, SerialPortInfo
 from beltcomm_adapters.examination.line import examine_line
@@ -99,7 +99,7 @@ class Bench:
         clock = CurrentClock()
 
         def examine(address: str, options: Mapping[str, object]) -> Iterator[Finding]:
-            slcan = not is_socketcan(address)
+            slcan = not _is_socketcan(address)
             channel = f"Serial interface: {address}" if slcan else f"socketcan channel '{address}'"
 
             def opener(bitrate: int, _listen_only: bool) -> can.BusABC:
@@ -113,7 +113,7 @@ class Bench:
             node, bitrate, profile = (options.get(name) for name in ("node", "bitrate", "profile"))
             return examine_can(address, node, bitrate, profile, options, host=self.host(folder), opener=opener, clock=clock)
 
-        return [FoundAdapter("canopen", Adapter("canopen", "CAN", ("can", "slcan"), _no_drive, is_socketcan, examine))]
+        return [FoundAdapter("canopen", Adapter("canopen", "CAN", ("can", "slcan"), _no_drive, _is_socketcan, examine))]
 
     def host(self, folder: Path) -> Host:
         """A machine with can0, or without."""
@@ -171,6 +171,13 @@ class SerialBench:
         raise self.error
 
 
+class Installed:
+    """The installed adapters, with the virtual drive."""
+
+    def found(self, _folder: Path) -> Sequence[FoundAdapter]:
+        return find_adapters()
+
+
 def _no_drive(*_: object) -> Any:
     raise AssertionError("doctor must not open a drive")
 
@@ -181,7 +188,7 @@ class Setup:
 
     what: str
     words: str
-    bench: Bench | Machine | SerialBench
+    bench: Bench | Machine | SerialBench | Installed
 
 
 def _nmt_stop(bus: LockstepBus) -> None:
@@ -218,6 +225,7 @@ SETUPS: dict[str, Setup] = {
     "gear": Setup("the drive's gear belongs to another axis", CAN0_AXIS, Bench(faults=Faults(readings={(0x6091, 1): 3}))),
     "feed": Setup("the feed constant is doubled", CAN0_AXIS, Bench(faults=Faults(readings={(0x6092, 1): 131072}))),
     "rated_torque": Setup("the rated torque 6076h is doubled", CAN0_AXIS, Bench(faults=Faults(rated_torque_nm=2.86))),
+    "another_machine": Setup("a virtual drive plays another axis", "doctor --drive virtual --axis ball-screw", Installed()),
     "guarding": Setup("remote frames do not get through, CMMP-AS", CAN0, Bench("cmmp-as", Faults(remote_frames_blocked=True))),
     "lost_sync": Setup(
         "every 20th SYNC is not answered",

@@ -9,7 +9,7 @@ import pytest
 
 from beltcomm.axis import Axis, load_axis
 from beltcomm.drive.finding import Finding, Values
-from beltcomm.jobs.axis_findings import compared
+from beltcomm.jobs.doctor import _compared
 
 AXIS = load_axis("egc-70-600")  # 1.43 N m, 0.65 N m/A, 65536 counts, r = 12.42 mm, no gear, -10 to 570 mm
 FEED_M = 2.0 * math.pi * 0.01242
@@ -21,7 +21,7 @@ SOUND: Values = {
 
 def states(values: Values, ratio: float = 1.0) -> dict[str, str]:
     axis = replace(AXIS, gearbox=replace(AXIS.gearbox, ratio=ratio))
-    return {finding.name: finding.state for finding in compared([Finding("a", "b", "ok", "", "", {**SOUND, **values})], axis)}
+    return {finding.name: finding.state for finding in _compared([Finding("a", "b", "ok", "", "", {**SOUND, **values})], axis)}
 
 
 def test_a_sound_drive() -> None:
@@ -68,12 +68,12 @@ def test_the_travel(position_m: float, state: str) -> None:
 
 
 def test_what_the_drive_did_not_tell_is_left_out() -> None:
-    assert compared([Finding("bus", "interface", "wrong", "", "")], AXIS) == []
-    assert compared([Finding("a", "b", "ok", "", "", {"rated_torque_nm": 0.0})], AXIS) == []
+    assert _compared([Finding("bus", "interface", "wrong", "", "")], AXIS) == []
+    assert _compared([Finding("a", "b", "ok", "", "", {"rated_torque_nm": 0.0})], AXIS) == []
 
 
 def test_a_file_that_commissioning_would_refuse_is_told_at_once() -> None:
-    told = compared([Finding("a", "b", "ok", "", "", SOUND)], Axis(name="new"))
+    told = _compared([Finding("a", "b", "ok", "", "", SOUND)], Axis(name="new"))
     (entries,) = [finding for finding in told if finding.state == "wrong"]
     assert (entries.name, entries.remedy) == ("entries", "add it from the data sheet")
     assert "commission needs motor.inertia_kg_m2" in entries.text

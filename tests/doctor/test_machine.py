@@ -14,8 +14,8 @@ from beltcomm_adapters.buses import Address
 from beltcomm_adapters.examination import surroundings as module
 from beltcomm_adapters.examination.host import Host, SerialPortInfo
 from beltcomm_adapters.examination.host import ports as real_ports
-from beltcomm_adapters.examination.surroundings import detected, importable, surroundings
-from beltcomm_adapters.examination.wire import bit_rates, socketcan, trouble_of, worst
+from beltcomm_adapters.examination.surroundings import _detected, _importable, surroundings
+from beltcomm_adapters.examination.wire import _trouble_of, _worst, bit_rates, socketcan
 from doctor.setups import LINK, Bench, CurrentClock, SickBus
 
 
@@ -98,26 +98,26 @@ def test_a_search_that_hangs_or_fails_is_given_up(monkeypatch: pytest.MonkeyPatc
     release = threading.Event()
     monkeypatch.setattr(module, "_SEARCH_S", -0.9)
     monkeypatch.setattr(can, "detect_available_configs", lambda *_args, **_more: release.wait(10.0) and [])
-    assert detected(["pcan"]) is None
+    assert _detected(["pcan"]) is None
     release.set()
 
     def fails(*_args: object, **_more: object) -> None:
         raise OSError("driver")
 
     monkeypatch.setattr(can, "detect_available_configs", fails)
-    assert detected(["pcan"]) == []
+    assert _detected(["pcan"]) == []
 
 
 def test_no_address_is_listened_on_unasked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """socketcand finds its servers by what they send to everybody on the network, which takes an open port on every address."""
     bound: list[object] = []
     monkeypatch.setattr("socket.socket.bind", lambda _, address: bound.append(address))
-    found(tmp_path, backends=importable, detect=detected)
+    found(tmp_path, backends=_importable, detect=_detected)
     assert bound == []
 
 
 def test_this_very_machine_can_be_looked_at() -> None:
-    reasons = importable()
+    reasons = _importable()
     assert reasons["virtual"] == reasons["slcan"] == ""
     assert all(port.device for port in real_ports())
     assert isinstance(Host().interfaces(), list)
@@ -138,13 +138,13 @@ def test_this_very_machine_can_be_looked_at() -> None:
 )
 def test_error_frames_in_words(identifier: int, data: bytes, trouble: str) -> None:
     frame = can.Message(arbitration_id=identifier, is_error_frame=True, is_extended_id=False, data=data, dlc=len(data))
-    assert trouble_of(frame) == trouble
+    assert _trouble_of(frame) == trouble
 
 
 def test_the_worst_error_is_told() -> None:
     frames = [can.Message(arbitration_id=bits, is_error_frame=True) for bits in (0x080, 0x040, 0x020)]
-    assert worst(frames) == "bus_off"
-    assert worst([]) is None
+    assert _worst(frames) == "bus_off"
+    assert _worst([]) is None
 
 
 def test_bit_rates_are_listened_for_before_anything_is_asked() -> None:

@@ -70,6 +70,11 @@ EXPECTED: dict[str, tuple[int, list[Named], str]] = {
         "rated torque 2.86 N m (6076h), axis.yaml says 1.43 N m (motor.rated_torque_nm): every torque, mass and gain would be wrong by the "
         "factor 2.00",
     ),
+    "another_machine": (
+        1,
+        [*USUAL["reference"], *(("axis.yaml", name, "wrong") for name in ("rated torque", "torque per current", "encoder"))],
+        "the drive counts 65536 increments per motor revolution, axis.yaml says 1048576 (motor.encoder_counts_per_rev)",
+    ),
     "guarding": (
         1,
         [("watching", "host", "wrong"), ("node", "nmt", "unknown")],

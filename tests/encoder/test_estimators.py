@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from beltcomm.encoder.edges import Edges, Flaws, edges_of
 from beltcomm.encoder.estimators import EstimatorSettings, Velocities, coefficients, velocities
 from beltcomm.encoder.kernel import (
+    _switching_weight,
     close_period,
     combined_step,
     event_counter_step,
@@ -18,7 +19,6 @@ from beltcomm.encoder.kernel import (
     high_pass_step,
     new_decoder,
     new_estimator,
-    switching_weight,
     take_edge,
 )
 from beltcomm.errors import DataError, UsageError
@@ -166,8 +166,8 @@ def test_the_combination_takes_one_method_below_and_the_other_above() -> None:
         found = steady(-speed)
         np.testing.assert_array_equal(found.combined[10:], getattr(found, method)[10:])
     # (6.20) at its three printed points, and odd about the middle.
-    assert [switching_weight(f * crossing, crossing) for f in (0.5, 1.0, 1.5)] == pytest.approx([0.0, 0.5, 1.0])
-    assert switching_weight(0.8 * crossing, crossing) + switching_weight(1.2 * crossing, crossing) == pytest.approx(1.0)
+    assert [_switching_weight(f * crossing, crossing) for f in (0.5, 1.0, 1.5)] == pytest.approx([0.0, 0.5, 1.0])
+    assert _switching_weight(0.8 * crossing, crossing) + _switching_weight(1.2 * crossing, crossing) == pytest.approx(1.0)
 
 
 def test_the_printed_combination_misses_what_the_event_counter_has_not() -> None:

@@ -18,12 +18,12 @@ RATIOS = (2.3, 3.77, 12.4, 117.6, 801.1)
 
 def measured_time_s(speed_m_s: ArrayLike) -> NDArray[np.float64]:
     """(C.4), with (6.7) and (6.8): T_n,inc = ⌊ξ T_s/Δξ_min⌋ Δξ_min/ξ, s, → T_s for high speeds (6.10)."""
-    return f.intervals_printed(speed_m_s, STEP, PERIOD) * STEP / np.asarray(speed_m_s)
+    return f._intervals_printed(speed_m_s, STEP, PERIOD) * STEP / np.asarray(speed_m_s)
 
 
 def event_counter_error_percent(speed_m_s: ArrayLike, sign: int) -> NDArray[np.float64]:
     """(6.11), (C.6): ∓100 ξ/(⌊ξ T_s/Δξ_min⌋ ξ_h,max), percent, for Δt_min ≪ T_s; (C.6) is printed without the 100."""
-    return -sign * 100.0 * np.asarray(speed_m_s) / (f.intervals_printed(speed_m_s, STEP, PERIOD) * f.highest_speed_m_s(STEP, TICK))
+    return -sign * 100.0 * np.asarray(speed_m_s) / (f._intervals_printed(speed_m_s, STEP, PERIOD) * f.highest_speed_m_s(STEP, TICK))
 
 
 def gate_rms_percent(speed_m_s: ArrayLike, increment_m: float, tick_s: float, intervals: ArrayLike = 1.0) -> NDArray[np.float64]:
@@ -66,23 +66,23 @@ def test_the_printed_numbers() -> None:
 
 def test_appendix_c_leads_to_the_equations_of_the_chapter() -> None:
     speed = np.array([3.1e-3, 0.0213, 0.4567, 4.99])
-    real, printed = f.increments_real(speed, STEP, PERIOD), f.intervals_printed(speed, STEP, PERIOD)
-    np.testing.assert_allclose(real * STEP, f.travel_in_period_m(speed, PERIOD))  # (C.1), (C.2)
+    real, printed = f._increments_real(speed, STEP, PERIOD), f._intervals_printed(speed, STEP, PERIOD)
+    np.testing.assert_allclose(real * STEP, f._travel_in_period_m(speed, PERIOD))  # (C.1), (C.2)
     assert np.all((printed <= real) & (real < printed + 1.0))  # (C.3)
     time = measured_time_s(speed)
     np.testing.assert_allclose(time * speed, printed * STEP)  # (C.4)
     for sign in (1, -1):
         # (C.5), first line: the velocity (6.4) with a time wrong by a tick.
         wrong = 100.0 * (printed * STEP / (time + sign * TICK) - speed) / speed
-        np.testing.assert_allclose(f.event_counter_error_exact_percent(speed, STEP, TICK, PERIOD, sign=sign), wrong, rtol=1e-6)
+        np.testing.assert_allclose(f._event_counter_error_exact_percent(speed, STEP, TICK, PERIOD, sign=sign), wrong, rtol=1e-6)
         # (C.6) neglects ±Δt beside T_n, at most one part in T_n/Δt; its printed form lacks the factor 100.
         short = event_counter_error_percent(speed, sign)
         np.testing.assert_allclose(short / wrong, 1.0, atol=2.0 * TICK / time.min())
         # (C.8), first line.
-        gap = f.gate_time_s(speed, STEP)
+        gap = f._gate_time_s(speed, STEP)
         wrong = 100.0 * (STEP / (gap + sign * TICK) - speed) / speed
         np.testing.assert_allclose(f.gate_error_percent(speed, STEP, TICK, sign=sign), wrong, rtol=1e-6)
-        np.testing.assert_allclose(f.time_error_percent(gap, TICK, sign), wrong, rtol=1e-6)
+        np.testing.assert_allclose(f._time_error_percent(gap, TICK, sign), wrong, rtol=1e-6)
 
 
 def test_the_crossing_solves_6_12_equals_6_16() -> None:
@@ -116,8 +116,8 @@ def test_a_period_holds_one_interval_less_than_c_3_says_at_worst(ratio: float) -
     speed = ratio * STEP / PERIOD
     edges = edges_of(lambda t: 1e-7 + speed * t, 0.2)
     held = velocities(edges, EstimatorSettings(), 0.2).increments[1:] - 1
-    assert held.max() == f.intervals_printed(speed, STEP, PERIOD)
-    assert held.min() == f.intervals_fewest(speed, STEP, PERIOD)
+    assert held.max() == f._intervals_printed(speed, STEP, PERIOD)
+    assert held.min() == f._intervals_fewest(speed, STEP, PERIOD)
     # How often the better case occurs is the broken part of ξ T_s/Δξ.
     assert np.mean(held == held.max()) == pytest.approx(ratio % 1.0, abs=0.02)
 

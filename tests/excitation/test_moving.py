@@ -9,7 +9,7 @@ from beltcomm.errors import DataError, UsageError
 from beltcomm.excitation import chirp, prbs
 from beltcomm.excitation.moving import REST_S, TAIL_S, moving_excitation, ramp_s, stroke_m
 from beltcomm.recording import ExcitationNote, Sidecar
-from beltcomm.recording.sidecar import sidecar_from_dict
+from beltcomm.recording.sidecar import _sidecar_from_dict
 from beltcomm.response import estimate_response
 
 T = 1e-3
@@ -69,10 +69,10 @@ def test_only_the_periods_named_are_used() -> None:
 def test_the_note_comes_back_from_its_file() -> None:
     note = ExcitationNote("prbs", 0.04, 64, 94, (94, 158), None, 0.1)
     sidecar = Sidecar("frf", 0.1, closed_loop=True, excitation=note, controller={"loop": "velocity"})
-    read, remarks = sidecar_from_dict(sidecar.to_dict())
+    read, remarks = _sidecar_from_dict(sidecar.to_dict())
     assert read == sidecar
     assert read.moving
     assert remarks == ()
     assert not Sidecar("frf", excitation=ExcitationNote("prbs", 0.04, 64, 94)).moving
     with pytest.raises(DataError, match="period_starts"):
-        sidecar_from_dict({"excitation": {"kind": "prbs", "period_starts": ["a"]}})
+        _sidecar_from_dict({"excitation": {"kind": "prbs", "period_starts": ["a"]}})

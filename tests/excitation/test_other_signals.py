@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from beltcomm.errors import Refused, UsageError
-from beltcomm.excitation import Excitation, chirp, choose, detection_lines, gprbs, multisine
+from beltcomm.excitation import Excitation, chirp, choose, gprbs, multisine
 from beltcomm.excitation.record import RecordTooShort
 from beltcomm.given import EXCITATION_KINDS, ExcitationKind
 
@@ -66,6 +66,14 @@ def test_a_chirp_is_what_the_instantaneous_frequency_says() -> None:
     flat = lines_of(chirp(4000, 2.0, 200.0, 0.5, T_S, 1, spacing="linear", fade=0.02)) ** 2
     halves = [float(np.sum(flat[(freq >= low) & (freq < high)])) for low, high in ((20.0, 100.0), (100.0, 180.0))]
     assert halves[0] == pytest.approx(halves[1], rel=0.03)
+
+
+def detection_lines(excitation: Excitation) -> tuple[list[int], list[int]]:
+    """Odd and even lines between the excited ones, which are not excited themselves; both empty where all are."""
+    if not excitation.lines or any(k % 2 == 0 for k in excitation.lines):
+        return [], []
+    silent = sorted(set(range(excitation.lines[0], excitation.lines[-1] + 1)) - set(excitation.lines))
+    return [k for k in silent if k % 2 == 1], [k for k in silent if k % 2 == 0]
 
 
 def test_the_lines_of_a_multisine_are_those_asked_for() -> None:

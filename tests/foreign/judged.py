@@ -16,9 +16,9 @@ from click.testing import CliRunner
 from numpy.typing import NDArray
 
 from beltcomm.cli.main import cli
-from beltcomm.fit.band_error import Banded, in_band, low_passed
+from beltcomm.fit.band_error import Banded, _low_passed, in_band
 from beltcomm.fit.residual.segment import Segment, segments
-from beltcomm.laboratory.compare import plain_error
+from beltcomm.laboratory.compare import _plain_error
 from beltcomm.model import Model
 from beltcomm.model.linear import operating_point, state_space
 from beltcomm.recording import Recording
@@ -54,12 +54,12 @@ def imported(name: str, folder: Path, data: Path = DATA) -> Path:
     return folder / name
 
 
-def as_run(files: Mapping[str, Path], folder: Path, inertia_kg_m2: float, counts: int = 0) -> Path:
+def as_run(files: Mapping[str, Path], folder: Path, inertia_kg_m2: float, counts: int = 0, more: Sequence[str] = ()) -> Path:
     """The run folder of CSV files of a rigid motor; the one called held is held out."""
     first = ["--set", "name=motor", "--set", f"motor.inertia_kg_m2={inertia_kg_m2}"]
     first += ["--set", f"motor.encoder_counts_per_rev={counts}"] if counts else []
     for name, file in files.items():
-        words = ["import", str(file), "--run", str(folder), *first, *(["--held-out"] if name == "held" else [])]
+        words = ["import", str(file), "--run", str(folder), *first, *more, *(["--held-out"] if name == "held" else [])]
         outcome, first = CliRunner().invoke(cli, words), []
         assert outcome.exit_code == 0, outcome.output
     return folder
@@ -73,7 +73,7 @@ def banded_of(model: Model, record: Recording, step: float, band_hz: float) -> P
 
 def record_error(model: Model, record: Recording, step: float, band_hz: float) -> float:
     """Share of the torque or force in a band, as ``plain_error`` defines it."""
-    found = plain_error([part for _, part in banded_of(model, record, step, band_hz)], model, band_hz)
+    found = _plain_error([part for _, part in banded_of(model, record, step, band_hz)], model, band_hz)
     assert found is not None
     return found.percent / 100.0
 
@@ -91,9 +91,9 @@ def least_squares(
         for piece, part in parts:
             q, sample = piece.position, part.sample_s
             speed, acceleration = np.gradient(q, sample), np.pad(np.diff(q, 2) / sample**2, 1)
-            direction = np.sign(low_passed(speed, piece.keep, band_hz, sample)[0])
+            direction = np.sign(_low_passed(speed, piece.keep, band_hz, sample)[0])
             mean = np.concatenate(([0.0], 0.5 * (piece.torque[1:] + piece.torque[:-1])))
-            columns = [low_passed(signal, piece.keep, band_hz, sample)[0][part.keep] for signal in (acceleration, speed, direction, mean)]
+            columns = [_low_passed(signal, piece.keep, band_hz, sample)[0][part.keep] for signal in (acceleration, speed, direction, mean)]
             rows.append(np.column_stack(columns[:3]))
             torques.append(columns[3])
         return np.concatenate(rows), np.concatenate(torques)

@@ -15,7 +15,7 @@ from beltcomm.cli.main import cli
 from beltcomm.drive.objects import ObjectValue
 from beltcomm.errors import DataError
 from beltcomm.export.dcf import dcf_text
-from beltcomm.foreign.eds import load_object_file, parse
+from beltcomm.foreign.eds import _parse, load_object_file
 
 HERE = Path("file.eds")
 GOOD = """[FileInfo]
@@ -108,7 +108,7 @@ VALUES = [
 
 
 def test_a_good_file_needs_no_repair() -> None:
-    found = parse(GOOD.encode(), HERE)
+    found = _parse(GOOD.encode(), HERE)
     assert found.repairs == ()
     assert {one.title: one.value for one in found.objects if one.value is not None} == {"6072h": 1000, "607Ch": -2, "2100h:1": 0.0125}
     assert {one.title: one.default for one in found.objects if one.default is not None} == {
@@ -163,7 +163,7 @@ def test_a_good_file_needs_no_repair() -> None:
     ],
 )
 def test_what_is_repaired_is_said(damage: Callable[[str], bytes], said: str) -> None:
-    found = parse(damage(GOOD), HERE)
+    found = _parse(damage(GOOD), HERE)
     assert any(said in one for one in found.repairs) if said else found.repairs == ()
     rest = {one.title: one.value for one in found.objects if one.value is not None}
     assert rest.get("607Ch") == -2  # the rest is read all the same
@@ -171,7 +171,7 @@ def test_what_is_repaired_is_said(damage: Callable[[str], bytes], said: str) -> 
 
 
 def test_compact_arrays_are_spread() -> None:
-    found = parse(b"[1003]\nObjectType=0x8\nDataType=7\nAccessType=rw\nCompactSubObj=3\n[1003Value]\nNrOfEntries=1\n2=0x77\n", HERE)
+    found = _parse(b"[1003]\nObjectType=0x8\nDataType=7\nAccessType=rw\nCompactSubObj=3\n[1003Value]\nNrOfEntries=1\n2=0x77\n", HERE)
     assert {one.title: one.value for one in found.objects} == {"1003h:1": None, "1003h:2": 0x77, "1003h:3": None}
 
 
@@ -203,7 +203,7 @@ def test_what_is_exported_is_read_alike_by_canopen_and_by_us() -> None:
     """python-canopen's reader shares no code with ours."""
     about = {"device_name": "CMMP-AS", "vendor_id": "29", "product_code": "0", "when": "2026-11-22T14:05:00"}
     text = dcf_text(VALUES, about, ["one note"])
-    ours = parse(text.encode(), HERE)
+    ours = _parse(text.encode(), HERE)
     assert ours.repairs == ()
     assert {one.place: one.raw for one in ours.values} == pytest.approx({one.place: one.raw for one in VALUES})
     assert {one.place: one.kind for one in ours.values} == {one.place: one.kind for one in VALUES}
@@ -260,7 +260,7 @@ def test_no_mutation_raises_a_traceback(first: int) -> None:
     for seed in range(first, first + 300):
         chance = random.Random(seed)
         try:
-            found = parse(mutate(chance.choice(good), chance), HERE)
+            found = _parse(mutate(chance.choice(good), chance), HERE)
         except DataError:
             continue
         read += 1

@@ -54,7 +54,7 @@ def test_a_mapping_is_read(text: str, theirs: str, scale: float, offset: float) 
         ("torque_mnm=Iq", r"columns here are in SI, so it is torque_nm; write --map torque_nm=Iq\*0\.001"),
         ("torque_nm=Iq2*0.65", r"log\.csv has no column 'Iq2', did you mean Iq\?; it has time, Iq, "),
         ("torque_nm=Iq*0,65", r"write the decimal point as '\.'"),
-        ("torque_nm=Iq*deg", r"'\*deg' behind 'Iq' is not understood: .*\(nm, ncm, mnm, knm, lbin, lbft, ozin\)"),
+        ("torque_nm=Iq*deg", r"'\*deg' behind 'Iq' is not understood: .*\(Nm, Ncm, mNm, kNm, daNm, kgfm, kgfcm, lbin, lbft, ozin\)"),
         ("torque_nm=Iq/0", "is not understood"),
         ("torque_nm=Iq+1+2", "is not understood"),
         ("torque_nm=Iq Iq", "is not understood"),

@@ -16,14 +16,14 @@ from beltcomm.errors import UsageError
 from beltcomm.fit.noise.level import is_held
 from beltcomm.fit.path_fit import choice as path_choice
 from beltcomm.fit.start.rigid import least_squares
-from beltcomm.foreign.guess import NeedsAnswers, completed, guesses_for
+from beltcomm.foreign.guess import NeedsAnswers, _guesses_for, completed
 from beltcomm.foreign.plausibility import findings
 from beltcomm.foreign.relations import relations
 from beltcomm.foreign.table import Table
 from beltcomm.laboratory.cross_checks import second_sensor, sheet_doubts
 from beltcomm.model import build_model, load_plant
 from beltcomm.recording import Recording
-from beltcomm.recording.checks import MOST_JUDGED, livelier, rigid_inertia
+from beltcomm.recording.checks import MOST_JUDGED, _livelier, rigid_inertia
 from beltcomm.recording.signalfile import write_columns
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.next_plan import load_plan, plan_for
@@ -72,7 +72,7 @@ def test_a_driver_that_is_called_a_voltage_is_offered_as_one() -> None:
     table = Table("a", {"zeit": t, "a": angle, "b": speed, "pwm": volts})
     with pytest.raises(NeedsAnswers, match="motor_voltage_v=pwm"):
         completed(table, (), NO_BELT, timed=True)
-    assert any(guess.choices[:1] == ("position_rad=a*1",) for guess in guesses_for(table, {}, NO_BELT, timed=True))
+    assert any(guess.choices[:1] == ("position_rad=a*1",) for guess in _guesses_for(table, {}, NO_BELT, timed=True))
 
 
 def test_a_voltage_is_offered_by_its_name_where_nothing_else_drives() -> None:
@@ -179,7 +179,7 @@ def test_a_long_record_is_judged_by_the_rows_that_move_most(monkeypatch: pytest.
     t, angle, speed = moved(10, 12_000)
     angle[:4000], speed[:4000] = angle[4000], 0.0
     torque = 2e-3 * np.gradient(speed, 1e-3) + 0.05 * np.sign(speed)
-    kept = livelier(t, torque, angle)
+    kept = _livelier(t, torque, angle)
     assert len(kept[0]) == 4000
     assert kept[0][0] >= t[4000]
     found = rigid_inertia(t, torque, angle)

@@ -15,7 +15,9 @@ from scipy.io import savemat
 from beltcomm.cli.main import cli
 from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.files import read_table
+from beltcomm.foreign.table import Table
 from beltcomm.foreign.textfile import RowSpan
+from beltcomm.recording import load_recording
 from beltcomm.runfolder import RunFolder
 from foreign import makers
 from foreign.makers import ANGLE, labview
@@ -216,3 +218,46 @@ def test_files_that_are_not_there_or_of_another_kind(tmp_path: Path) -> None:
     }.items():
         with pytest.raises(UsageError, match=re.escape(str(path)) + r".*" + sentence):
             read_table(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "bare", "unit"),
+    [
+        ("t/s", "t", "s"),
+        ("Istmoment/Nm", "Istmoment", "Nm"),
+        ("Istposition/inc", "Istposition", "inc"),
+        ("Drehzahl/U/min", "Drehzahl", "U/min"),
+        ("Lage / rad", "Lage", "rad"),
+        ("Lage/mm_2", "Lage_2", "mm"),
+        ("Moment/%", "Moment", "%"),
+        *((name, name, "") for name in ("m/s", "rad/s", "1/min", "Drehzahl 1/min", "Speed rad/s", "v_rad/s")),
+        *((name, name, "") for name in ("N/A", "kg/s", "I/O", "in/out")),
+    ],
+)
+def test_a_name_over_its_unit_as_din_1313_writes_it(name: str, bare: str, unit: str) -> None:
+    table = Table("a.csv", {name: np.zeros(1)})
+    assert (Table.bare(name), table.unit(name)) == (bare, unit)
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor", "says"),
+    [
+        ("V", 1.0, "it is in volts; 1 N m per volt is only an example"),
+        ("MNm", 1e-6, "its unit 'MNm' is not known for it, write the factor"),
+        ("kgf cm", 10.19716213, ""),
+        ("daNm", 0.1, ""),
+        ("oz-in", 141.6119327, ""),
+    ],
+)
+def test_units_of_torque_that_strangers_bring(unit: str, factor: float, says: str, tmp_path: Path) -> None:
+    """Read by their factor, or asked for; mega is never taken for milli."""
+    t = np.arange(600) * 1e-3
+    torque = 0.3 * np.sin(30 * t)
+    rows = "".join(f"{a:.3f},{b:.12g},{c:.6f}\n" for a, b, c in zip(t, factor * torque, np.cos(30 * t) - t, strict=True))
+    (path := tmp_path / "a.csv").write_text(f"Time [s],Torque [{unit}],Position [rad]\n{rows}")
+    outcome = CliRunner().invoke(cli, ["import", str(path), "--run", str(tmp_path / "run")])
+    assert outcome.exit_code == (1 if says else 0), outcome.output
+    assert says in outcome.output
+    if not says:
+        found = load_recording(tmp_path / "run" / "recordings" / "a.csv").torque
+        np.testing.assert_allclose(found, torque[: len(found)], atol=1e-9)

@@ -19,7 +19,7 @@ from beltcomm.axis import Axis, load_axis
 from beltcomm.configfiles import find_config, read_yaml, to_yaml
 from beltcomm.errors import BeltcommError, DataError
 from beltcomm.foreign.apart import Kind
-from beltcomm.foreign.apart_reader import table_in
+from beltcomm.foreign.apart_reader import _table_in
 from beltcomm.foreign.convert import Reading
 from beltcomm.foreign.eds import load_object_file
 from beltcomm.foreign.files import parts_of
@@ -32,14 +32,14 @@ from beltcomm.recording import load_recording
 from beltcomm.recording.sidecar import load_sidecar
 from beltcomm.response import FrequencyResponse
 from beltcomm.rundata import backups
-from beltcomm.rundata.calibration import calibration_from_dict
+from beltcomm.rundata.calibration import _calibration_from_dict
 from beltcomm.rundata.kept import kept_or_new
 from beltcomm.rundata.revisions import revisions
 from beltcomm.rundata.store import cascade_from_dict, structure_from_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.next_plan import load_plan
 from beltcomm.study.file import load_study
-from beltcomm.study.job import read_members
+from beltcomm.study.job import _read_members
 from beltcomm.trajectory import load_move
 from beltcomm.watching import store
 from beltcomm_adapters.profiles import load_profile
@@ -182,7 +182,7 @@ def parsers(folder: Path) -> dict[str, Parser]:
         return parts_of(path, Reading(), axis)
 
     def inside(kind: Kind) -> Callable[[Path], object]:
-        return lambda path: table_in(kind, path)
+        return lambda path: _table_in(kind, path)
 
     def in_run(place: str, use: Callable[[RunFolder], object]) -> Callable[[Path], object]:
         def load(path: Path) -> object:
@@ -251,14 +251,14 @@ def parsers(folder: Path) -> dict[str, Parser]:
             in_run("results/drive.yaml", lambda o: structure_from_dict(o.load_result("drive") or {})),
             within=True,
         ),
-        "calibration": Parser("fuzzed.yaml", CALIBRATION.encode(), lambda p: calibration_from_dict(read_yaml(p, DataError), p)),
+        "calibration": Parser("fuzzed.yaml", CALIBRATION.encode(), lambda p: _calibration_from_dict(read_yaml(p, DataError), p)),
         "revisions": Parser("revisions.yaml", REVISIONS.encode(), in_run("results/ladder.yaml", revisions), within=True),
         "object file": Parser("fuzzed.eds", EDS.encode(), load_object_file),
         "dbc": Parser("fuzzed.dbc", DBC.encode(), of_dbc, apart=True),
         "mapping": Parser("fuzzed.map", b"# t_s\ntorque_nm=Iq*0.65\nposition_rad=enc*rev/65536+0.3\n", lambda p: mappings_in(read_text(p))),
         "foreign text": Parser("fuzzed.csv", foreign.encode(), foreign_file),
         "foreign text, packed": Parser("fuzzed.csv.gz", gzip.compress(foreign.encode()), foreign_file),
-        "members": Parser("members.jsonl", MEMBERS.encode(), read_members),
+        "members": Parser("members.jsonl", MEMBERS.encode(), _read_members),
         "journal": Parser("journal.txt", b"2026-01-01 00:00:00  identify: begun\n", lambda p: lines_of(p.parent)),
         "events": Parser("events.jsonl", b'{"at": "", "event": "note"}\n' * 3, lambda p: events_of(p.parent)),
         "watched moves": Parser("moves.jsonl", WATCHED.encode(), in_run("watch/moves.jsonl", watched), within=True),

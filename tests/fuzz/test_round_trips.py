@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from beltcomm.axis import axis_from_dict, load_axis, save_axis
 from beltcomm.configfiles import read_yaml, sealed, to_yaml, write_text
 from beltcomm.errors import BeltcommError, DataError
-from beltcomm.foreign.apart_reader import table_in
+from beltcomm.foreign.apart_reader import _table_in
 from beltcomm.foreign.convert import Reading, reading_from_dict
 from beltcomm.foreign.files import read_table
 from beltcomm.foreign.framelog import read_frames
@@ -279,17 +279,17 @@ def test_binary_tables(kind: str, columns: dict[str, Array]) -> None:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "a"
         if kind == "matlab 5":
-            found = table_in("matlab", write_v5(path, {name: column for name, column in columns.items()}))
+            found = _table_in("matlab", write_v5(path, {name: column for name, column in columns.items()}))
         elif kind == "matlab 7.3":
-            found = table_in("matlab", write_v73(path, dict(columns)))
+            found = _table_in("matlab", write_v73(path, dict(columns)))
         elif kind == "hdf5":
             with h5py.File(path, "w") as file:
                 for name, column in columns.items():
                     file.create_dataset(name, data=column, compression="gzip")
-            found = table_in("hdf5", path)
+            found = _table_in("hdf5", path)
         else:
             np.savez(path.with_suffix(".npz"), **columns)  # type: ignore[arg-type]
-            found = table_in("numpy", path.with_suffix(".npz"))
+            found = _table_in("numpy", path.with_suffix(".npz"))
     assert sorted(found.columns) == sorted(columns)
     for name, column in columns.items():
         assert np.array_equal(found.columns[name], column)
@@ -304,7 +304,7 @@ def test_measurement_data_files(values: list[float]) -> None:
     column, stamps = np.array(values), np.arange(len(values)) * 1e-3
     with TemporaryDirectory() as folder, asammdf.MDF(version="4.10") as file:
         file.append([asammdf.Signal(column, stamps, unit="Nm", name="Torque")])
-        found = table_in("mdf", Path(file.save(Path(folder) / "a.mf4")))
+        found = _table_in("mdf", Path(file.save(Path(folder) / "a.mf4")))
     assert np.array_equal(found.columns["Torque"], column)
     assert np.array_equal(found.columns["time"], stamps)
 

@@ -23,18 +23,18 @@ from beltcomm.drive.parameters import PREFILTER_KINDS, cascade_to_parameters
 from beltcomm.experiments.first_motion import ConfirmedBounds
 from beltcomm.export.dcf import dcf_text
 from beltcomm.fit.torque.path import VALUES, DriveLaw, Lag, ReadingLaw, TorquePath, path_from_dict, path_to_dict
-from beltcomm.foreign.apart_reader import table_in
+from beltcomm.foreign.apart_reader import _table_in
 from beltcomm.foreign.eds import load_object_file
-from beltcomm.foreign.guess import completed, guesses_for, mappings_in, template
+from beltcomm.foreign.guess import _guesses_for, _template, completed, mappings_in
 from beltcomm.foreign.jsonfile import read_json
 from beltcomm.foreign.mapping import parse_source, sources_for
 from beltcomm.foreign.table import Table
-from beltcomm.jobs.export import write_mcap
+from beltcomm.jobs.export import _write_mcap
 from beltcomm.recording import Recording
 from beltcomm.recording.columns import CHANNELS, KNOWN_COLUMNS, Side
 from beltcomm.recording.sidecar import Sidecar
 from beltcomm.result import plain
-from beltcomm.rundata.calibration import Calibration, GainUnit, calibration_from_dict
+from beltcomm.rundata.calibration import Calibration, GainUnit, _calibration_from_dict
 from beltcomm.rundata.store import MOST, cascade_from_dict, structure_from_dict
 from fuzz.test_round_trips import any_text, finite, names, words
 
@@ -119,7 +119,7 @@ def test_structures_of_drives(structure: CascadeStructure) -> None:
     homes,
 )
 def test_calibrations(calibration: Calibration, home: str) -> None:
-    assert calibration_from_dict(through_a_file(calibration.to_dict(), home), home) == calibration
+    assert _calibration_from_dict(through_a_file(calibration.to_dict(), home), home) == calibration
 
 
 @given(st.dictionaries(names, any_text), st.dictionaries(names, finite | st.sampled_from([math.inf, -math.inf])))
@@ -158,8 +158,8 @@ def test_files_of_mappings(columns: list[str], data: st.DataObject) -> None:
     """Whatever columns are called: a line that is opened in the file of mappings is read as the mapping that it shows."""
     rows = np.cumsum(np.ones((400, len(columns))), axis=0) + np.arange(len(columns))
     table = Table("a.csv", {name: rows[:, j].copy() for j, name in enumerate(columns)})
-    guesses = guesses_for(table, sources_for(table, (), KNOWN_COLUMNS), AXIS, timed=True)
-    text = template(table, (), guesses)
+    guesses = _guesses_for(table, sources_for(table, (), KNOWN_COLUMNS), AXIS, timed=True)
+    text = _template(table, (), guesses)
     offered = [choice for guess in guesses for choice in guess.choices]
     assert offered
     for choice in offered:
@@ -179,8 +179,8 @@ def test_recordings_as_mcap(side: Side, rows: int, data: st.DataObject) -> None:
     )
     with TemporaryDirectory() as folder:
         with (Path(folder) / "a.mcap").open("wb") as stream:
-            write_mcap(stream, [recording])
-        found = table_in("mcap", Path(folder) / "a.mcap")
+            _write_mcap(stream, [recording])
+        found = _table_in("mcap", Path(folder) / "a.mcap")
     for name, values in recording.columns().items():
         assert np.array_equal(found.columns[name], values), name
     assert completed(found, (), AXIS, timed=True)[0] == ()  # our own names need no mapping
@@ -208,7 +208,7 @@ def test_tdms_channels(values: list[float], group: str) -> None:
     with TemporaryDirectory() as folder:
         with TdmsWriter(str(Path(folder) / "a.tdms")) as writer:
             writer.write_segment([ChannelObject(group, "Torque", np.array(values), properties=told)])
-        found = table_in("tdms", Path(folder) / "a.tdms")
+        found = _table_in("tdms", Path(folder) / "a.tdms")
     assert np.array_equal(found.columns["Torque"], np.array(values))
     assert found.units["Torque"] == "Nm"
     assert np.allclose(found.columns[found.clocks["Torque"]], 1e-3 * np.arange(len(values)), rtol=0.0, atol=1e-12)

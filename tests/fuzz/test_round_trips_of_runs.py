@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from beltcomm import caches, journal
@@ -25,10 +25,10 @@ from beltcomm.model import load_plant
 from beltcomm.recording import Recording, load_recording, recording_from_columns, save_recording
 from beltcomm.recording.sidecar import Sidecar
 from beltcomm.result import plain
-from beltcomm.rundata.kept import restore_fit, store_fit
+from beltcomm.rundata.kept import _restore_fit, _store_fit
 from beltcomm.runfolder import RunFolder
 from beltcomm.study.file import load_study
-from beltcomm.study.job import line_text, read_members
+from beltcomm.study.job import _line_text, _read_members
 from beltcomm.study.population import nominal_of, population_from
 from beltcomm.watching import store
 from beltcomm.watching.estimates import ERROR, MoveEstimate
@@ -78,14 +78,14 @@ def test_kept_fits(data: Data, fixed: list[str], seed: int) -> None:
     start = problem.start()
     x = start + np.random.default_rng(seed).uniform(-0.05, 0.05, len(start))
     fitted = with_nuisance(data, evaluate_at(data, problem, x))
-    made = store_fit(data, fitted)
+    made = _store_fit(data, fitted)
     assert made is not None
     with TemporaryDirectory() as folder:
         caches.keep(Path(folder) / "fit.json", "key", {"fit": made})
         kept = caches.found(Path(folder) / "fit.json", "key")
     assert kept is not None
-    again = restore_fit(RECORDS, kept["fit"])
-    assert store_fit(*again) == made
+    again = _restore_fit(RECORDS, kept["fit"])
+    assert _store_fit(*again) == made
     assert again[1].x.tobytes() == fitted.x.tobytes()
     assert again[1].residual.tobytes() == fitted.residual.tobytes()
     assert (again[1].objective, again[1].held_out_objective) == (fitted.objective, fitted.held_out_objective)
@@ -178,15 +178,16 @@ def member_lines(draw: st.DrawFn) -> dict[str, Any]:
 
 
 @given(st.lists(member_lines(), min_size=1, max_size=5), st.floats(0.0, 1.0, exclude_max=True))
+@example([{"member": 0, "key": "run-\udc80", "values": {}, "program": "p", "exit_code": 0, "error": "\ud800"}], 0.5)
 def test_members_of_studies(lines: list[dict[str, Any]], torn: float) -> None:
     """Also names of folders that are no text; of a file that was cut off, the whole lines."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "members.jsonl"
-        texts = [line_text(line).encode() for line in lines]
+        texts = [_line_text(line).encode() for line in lines]
         path.write_bytes(b"".join(texts))
-        assert read_members(path) == [plain(line) for line in lines]
+        assert _read_members(path) == [plain(line) for line in lines]
         path.write_bytes(b"".join(texts[:-1]) + texts[-1][: int(torn * len(texts[-1]))])
-        assert read_members(path) == [plain(line) for line in lines[:-1]]
+        assert _read_members(path) == [plain(line) for line in lines[:-1]]
 
 
 @st.composite

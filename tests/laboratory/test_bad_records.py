@@ -7,6 +7,8 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -337,3 +339,11 @@ def test_a_model_beyond_all_measure_is_unfit_data_and_no_number() -> None:
     with pytest.raises(DataError):
         explainable(math.nan, Path("R"))
     explainable(300.0, Path("R"))  # poor, but a number
+
+
+def test_each_of_three_loads_that_nobody_mentions_is_told_with_its_own_inertia() -> None:
+    """``c`` carries more than ``b``, and both another load than most: the sentence once gave c the inertia of a."""
+    sizes = {"a": 7e-4, "b": 9e-4, "held": 9.02e-4, "c": 1.17e-3}
+    own: Any = [(SimpleNamespace(name=name, inertia_unit="kg m²"), size, 1e-6) for name, size in sizes.items()]
+    with pytest.raises(DataError, match=r"b, held show an inertia of 0.0009 .* a 0.0007 ± .*, c 0.00117 ± "):
+        run_checks._refuse_apart(own)

@@ -57,13 +57,13 @@ def test_a_change_cut_off_behind_its_saving_is_done_by_typing_it_again(run: Path
     undisturbed: dict[str, Any] = {}
     for verb, more, sign in (("add", ("--no-cost",), "+"), ("remove", (), "-")):
         with monkeypatch.context() as patch:
-            patch.setattr(change, "change_result", cut)
+            patch.setattr(change, "_change_result", cut)
             with pytest.raises(PowerCut):
                 CliRunner().invoke(cli, [verb, EFFECT, str(run), "--no-pictures", *more], catch_exceptions=False)
         made = changes(run)
         assert made[-1] == f"{sign}{EFFECT}"
         with monkeypatch.context() as patch:
-            for name in ("fit_with", "fit_without"):
+            for name in ("_fit_with", "_fit_without"):
                 patch.setattr(change, name, lambda *_: pytest.fail("it was fitted again"))
             undisturbed = typed(verb, run, *more)
             assert undisturbed == typed(verb, run, *more)

@@ -57,12 +57,8 @@ def coupled() -> tuple[Axis, Data, Fitted, dict[str, float]]:
 
 
 @pytest.mark.examination
-def test_a_coupling_and_an_end_pulley_that_hide_each_other_are_found(
-    coupled: tuple[Axis, Data, Fitted, dict[str, float]], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """From a part of the raster, which is soon looked through."""
-    monkeypatch.setattr(coupled_bodies, "FLEXIBLE", coupled_bodies.FLEXIBLE[1::2])
-    monkeypatch.setattr(coupled_bodies, "BEHIND", coupled_bodies.BEHIND[1:2])
+def test_a_coupling_and_an_end_pulley_that_hide_each_other_are_found(coupled: tuple[Axis, Data, Fitted, dict[str, float]]) -> None:
+    """From the whole raster: from a sixth of it rounding decides into which valley the search falls."""
     axis, data, base, truth = coupled
     assert base.ratio > 2.0
     found = coupled_bodies.coupling_candidate(data, base, axis)
@@ -112,7 +108,7 @@ def test_a_raster_gives_way_at_low_frequencies_as_what_it_begins_from(coupled: t
     base = coupled[2].model.with_effect("dead_time")
     flexible = 1.0 / base["belt_stiffness.stiffness"]
     for with_pulley in (False, True):
-        models = list(coupled_bodies.raster(base, base, PLACE_M, with_pulley))
+        models = list(coupled_bodies._raster(base, base, PLACE_M, with_pulley))
         assert len(models) > 3
         for model in models:
             lever = model["transmission.ratio"] ** 2
@@ -120,6 +116,16 @@ def test_a_raster_gives_way_at_low_frequencies_as_what_it_begins_from(coupled: t
             assert 1.0 / model["belt_stiffness.stiffness"] + lever / model["coupling.stiffness"] == pytest.approx(flexible)
             assert "dead_time" not in model.effects
             assert ("end_pulley" in model.effects) == with_pulley
+
+
+def test_a_delay_of_the_torque_may_be_one_or_stand_for_a_coupling(coupled: tuple[Axis, Data, Fitted, dict[str, float]]) -> None:
+    """Without a millisecond that is there no coupling comes near the records; with one that stands for it neither."""
+    base = coupled[2].model.with_effect("dead_time", {"time": 9e-4})
+    tried = {True: 0, False: 0}
+    for model in coupled_bodies._raster(base, base, PLACE_M, False):
+        tried["dead_time" in model.effects] += 1
+        assert "dead_time" not in model.effects or model["dead_time.time"] == 9e-4
+    assert tried[True] == tried[False] > 3
 
 
 @pytest.mark.parametrize(
@@ -132,10 +138,10 @@ def test_a_raster_of_any_axis_leaves_out_what_no_machine_can_be(
     inertia = 0.5 * mass * radius**2
     values = {"cart.mass": mass, "belt_stiffness.stiffness": belt, "transmission.ratio": radius, "motor.inertia": inertia}
     base = coupled[2].model.with_values(values)
-    found = list(coupled_bodies.raster(base, base, 0.0, True))
+    found = list(coupled_bodies._raster(base, base, 0.0, True))
     assert len({round(model["coupling.stiffness"] / (belt * radius**2), 6) for model in found}) == couplings
     for model in found[:1]:
-        assert all(coupled_bodies.as_flexible(model, stiffness, 0.0) is None for stiffness in (1e-9, 1e9))
+        assert all(coupled_bodies._as_flexible(model, stiffness, 0.0) is None for stiffness in (1e-9, 1e9))
 
 
 def test_beside_spans_of_known_geometry_the_end_pulley_stands_between_sections(
@@ -143,7 +149,7 @@ def test_beside_spans_of_known_geometry_the_end_pulley_stands_between_sections(
 ) -> None:
     base = coupled[2].model.without_effect("belt_stiffness")
     base = base.with_effect("belt_spans", {"specific_stiffness": 1.2e5, "pulley_distance": 0.79, "offset": 0.05})
-    for model in coupled_bodies.raster(base, base, PLACE_M, True):
+    for model in coupled_bodies._raster(base, base, PLACE_M, True):
         assert "belt_sections" in model.effects
         assert not {"belt_spans", "belt_damping"} & set(model.effects)
         assert model["belt_sections.pulley_distance"] == 0.79

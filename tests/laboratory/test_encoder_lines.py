@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from beltcomm.cli.main import cli
 from beltcomm.effects import AxisSummary, effect_named
-from beltcomm.effects.encoder_interpolation import LINES, correction, implausible, trials
+from beltcomm.effects.encoder_interpolation import LINES, _correction, _implausible, _trials
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory.acceptance import EVIDENCE
 from beltcomm.laboratory.diagnosis import diagnose, fit_base_of
 from beltcomm.laboratory.score import Scored, Scorer, ground_of
-from beltcomm.laboratory.selection import expected_gain
+from beltcomm.laboratory.selection import _expected_gain
 from beltcomm.runfolder import RunFolder
 from beltcomm.simulate.imperfect import angle_sensor
 from beltcomm.simulate.inverse import reconstruct, true_motion
@@ -99,7 +99,7 @@ def test_added_by_hand_the_error_falls(erring: tuple[RunFolder, Machine], tmp_pa
 def test_lines_that_pass_faster_than_samples_are_counted(tmp_path: Path) -> None:
     write_session(with_lines(951001, 2048), tmp_path / "run", plan="default")
     base, ways = scored(RunFolder.open(tmp_path / "run"))
-    assert expected_gain(ways[0], base, len(LINES)) > EVIDENCE
+    assert _expected_gain(ways[0], base, len(LINES)) > EVIDENCE
     assert ways[0].values["lines"] == 2048
 
 
@@ -107,14 +107,14 @@ def test_lines_that_pass_faster_than_samples_are_counted(tmp_path: Path) -> None
 def test_no_lines_are_seen_where_there_are_none(tmp_path: Path) -> None:
     write_session(draw(951003), tmp_path / "run", plan="default")
     base, ways = scored(RunFolder.open(tmp_path / "run"))
-    assert expected_gain(ways[0], base, len(LINES)) < 0.0, "not even promising"
+    assert _expected_gain(ways[0], base, len(LINES)) < 0.0, "not even promising"
 
 
 def test_only_what_the_angle_resolves_is_tried() -> None:
     ground = AxisSummary(7e-5, 4.0, 2e5, 20.0, 0.1, 0.0125, 0.0, 0.5, 35.0, 26.0, 2.0, 100.0)
 
     def tried(counts: float, steps: float) -> set[float]:
-        return {t.values["lines"] for t in trials(replace(ground, counts=counts, step_rad=math.tau / steps))}
+        return {t.values["lines"] for t in _trials(replace(ground, counts=counts, step_rad=math.tau / steps))}
 
     assert {128, 512, 1000, 1024, 1250, 2000, 2048, 2500, 4096, 5000} <= tried(2.0**20, 2.0**20)
     assert 3 * 2**10 - 1 not in tried(2.0**20, 2.0**20)
@@ -132,7 +132,7 @@ def test_the_law_is_the_inverse_of_what_the_encoder_shows() -> None:
     values = (8e-5, -6e-5, 3e-5, 4e-5)  # the angle shown rises by up to 0.4 more or less than the true one
     angle = np.linspace(3.0, 3.01, 301)
     shown = lines_of(*values, angle)
-    true = [theta + correction(theta, 2048.0, *values) for theta in shown.tolist()]
+    true = [theta + _correction(theta, 2048.0, *values) for theta in shown.tolist()]
     assert np.abs(true - angle).max() < 1e-9
     model = true_model(nominal("g_a")).with_effect(
         NAME, {"lines": 2048.0, **dict(zip(("sine", "cosine", "sine_2", "cosine_2"), values, strict=True))}
@@ -158,5 +158,5 @@ def test_between_samples_the_error_of_many_lines_is_not_there() -> None:
 
 def test_an_angle_that_runs_back_is_no_machine() -> None:
     size = {"sine": 1e-4, "cosine": 0.0, "sine_2": 0.0, "cosine_2": 1e-4}
-    assert implausible({"lines": 2048.0, **size}) == ""
-    assert implausible({"lines": 5000.0, **size}) == "an error that moves 1.5 times as fast as the shaft"
+    assert _implausible({"lines": 2048.0, **size}) == ""
+    assert _implausible({"lines": 5000.0, **size}) == "an error that moves 1.5 times as fast as the shaft"

@@ -10,7 +10,7 @@ import pytest
 
 from beltcomm.axis import Axis, load_axis
 from beltcomm.laboratory import extracts
-from beltcomm.laboratory.extracts import best_windows, extract_long, windows_of
+from beltcomm.laboratory.extracts import _best_windows, _windows_of, extract_long
 from beltcomm.recording import Recording
 from beltcomm.recording.checks import rigid_inertia
 from beltcomm.recording.sidecar import ExcitationNote, Sidecar
@@ -71,8 +71,8 @@ def test_stretches_are_rows_of_the_record(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_they_tell_more_than_as_many_other_rows(seed: int) -> None:
-    windows = windows_of([record(seed)])
-    taken = best_windows(windows, extracts.EXTRACT_ROWS)
+    windows = _windows_of([record(seed)])
+    taken = _best_windows(windows, extracts.EXTRACT_ROWS)
     draw = np.random.default_rng(seed)
 
     def told(some: list[extracts.Extract]) -> float:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -93,3 +95,48 @@ def test_a_rough_command_is_not_taken_for_noise_that_hides_a_weight(tmp_path: Pa
     model = open_fitted(run, Silence()).fitted.model
     assert abs(math.hypot(model["unbalance.sine"], model["unbalance.cosine"]) / 0.35 - 1.0) < 0.02
     assert abs(model["motor.inertia"] / 4e-3 - 1.0) < 0.02
+
+
+def shaken(seed: int, levels: tuple[float, float], shake: float, values: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+    """A command in two steps and the angle read, rougher than its counts; beside the command a torque that nobody records."""
+    inertia, damping, friction, offset = values
+    rng, rows = np.random.default_rng(seed), 12000
+    command, turns, step = np.repeat(levels, rows // 2), math.tau * rng.uniform(20.0, 60.0), math.tau / 4096
+    beside, angle, at, rate, theta, omega = np.zeros(rows), np.zeros(rows), 0.0, 0.0, 0.0, 0.0
+    for k, kick in enumerate(rng.normal(size=rows)):
+        rate += PERIOD_S * (-(turns**2) * at - 0.2 * turns * rate) + kick
+        at += PERIOD_S * rate
+        beside[k] = at
+    acting, h = command - offset + beside * (shake / beside.std()), PERIOD_S / SUB
+    for k in range(rows):
+        angle[k] = theta
+        for _ in range(SUB):
+            middle = omega + 0.5 * h * (acting[k] - damping * omega - friction * math.tanh(2.0 * omega)) / inertia
+            omega += h * (acting[k] - damping * middle - friction * math.tanh(2.0 * middle)) / inertia
+            theta += h * middle
+    return command, step * np.round(angle / step + rng.normal(0.0, rng.uniform(0.3, 0.8), rows))
+
+
+@pytest.mark.examination
+@pytest.mark.parametrize("seed", [61, 62])
+def test_an_inertia_that_a_commands_motion_hides_is_not_lost_with_the_offset(seed: int, tmp_path: Path) -> None:
+    """Each record goes one way: friction, offset and an inertia of nothing explain them alike, were it not for how fast they start."""
+    rng = np.random.default_rng(seed)
+    inertia, fast = 10.0 ** rng.uniform(-4.3, -3.7), rng.uniform(120.0, 250.0)
+    damping = inertia / rng.uniform(0.5, 1.5)
+    friction = rng.uniform(0.3, 1.5) * damping * fast
+    offset = rng.choice([-1.0, 1.0]) * rng.uniform(0.3, 0.6) * friction
+    files = {}
+    for number, (name, way, share) in enumerate((("forward", 1.0, 0.6), ("backward", -1.0, 0.65), ("held", 1.0, 0.7))):
+        levels = (way * (friction + share * damping * fast) + offset, way * (friction + damping * fast) + offset)
+        shake = rng.uniform(0.03, 0.15) * damping * fast
+        command, angle = shaken(10 * seed + number, levels, shake, (inertia, damping, friction, offset))
+        files[name] = tmp_path / f"{name}.csv"
+        write_columns(files[name], {"t_s": PERIOD_S * np.arange(len(angle)), "torque_nm": command, "position_rad": angle})
+    run = as_run(files, tmp_path / "run", 0.8 * inertia, 4096)
+    outcome = CliRunner().invoke(cli, ["diagnose", str(run), "--auto", "--no-cost", "--json"])
+    assert outcome.exit_code == 0, outcome.output
+    assert [rung["change"] for rung in json.loads(outcome.stdout)["revisions"]] == ["base", "+constant_offset"]
+    model = open_fitted(run, Silence()).fitted.model
+    assert abs(model["motor.inertia"] / inertia - 1.0) < 0.2
+    assert abs(model["constant_offset.torque"] / offset - 1.0) < 0.2

@@ -39,7 +39,7 @@ class Axis:
         self.reached, self.held_out = reached, held_out
         monkeypatch.setattr(law_shape, "fit", lambda data, model, iterations, offsets: self.fitted(model))
         monkeypatch.setattr(law_shape, "drop_by", lambda before, after: before.objective - after.objective)
-        monkeypatch.setattr(law_shape, "promise_at_carriage", lambda *_: self.promised)
+        monkeypatch.setattr(law_shape, "_promise_at_carriage", lambda *_: self.promised)
 
     def fitted(self, model: Model) -> Any:
         free = set(free_parameters(model))
@@ -142,7 +142,7 @@ def test_a_part_at_the_carriage_promises_much_where_it_is_and_nothing_where_it_i
     model = start_model(run.axis, records).with_effect(name, {"place": 0.5} if name == "friction_position" else {})
     data, effect, one = prepare(records, run.axis, model), effect_named(name), f"{name}_cart"
     at_motor = fit(data, model, 12)
-    behind = law_shape.at_carriage(at_motor.model, effect, one)
+    behind = law_shape._at_carriage(at_motor.model, effect, one)
     assert behind is not None
     pieces = []
     for piece in data.fitted:
@@ -150,8 +150,8 @@ def test_a_part_at_the_carriage_promises_much_where_it_is_and_nothing_where_it_i
         pieces.append(replace(piece, torque=piece.torque + needed[1] - needed[0]))
     at_cart = fit(replace(data, fitted=tuple(pieces)), at_motor.model, 12)
     asked = 120.0 + math.log(at_motor.problem.samples)
-    assert law_shape.promise_at_carriage(at_motor, effect, one) < 0.2 * asked
-    assert law_shape.promise_at_carriage(at_cart, effect, one) > 5.0 * asked
+    assert law_shape._promise_at_carriage(at_motor, effect, one) < 0.2 * asked
+    assert law_shape._promise_at_carriage(at_cart, effect, one) > 5.0 * asked
 
 
 def test_what_completes_an_effect_comes_beside_its_form(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -230,7 +230,7 @@ def test_a_law_that_acts_at_the_motor_stays_there(monkeypatch: pytest.MonkeyPatc
 
 
 def test_a_law_can_act_at_the_motor_again_when_its_part_at_the_carriage_is_taken_out() -> None:
-    model = law_shape.at_carriage(BASE.with_effect("stribeck"), effect_named("stribeck"), "stribeck_cart")
+    model = law_shape._at_carriage(BASE.with_effect("stribeck"), effect_named("stribeck"), "stribeck_cart")
     assert model is not None
     assert AMOUNT not in free_parameters(model)
     again = model.without_effect("stribeck_cart")

@@ -15,7 +15,7 @@ from beltcomm.fit.estimate import fit
 from beltcomm.fit.records import prepare, with_process_noise
 from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory import diagnosis, gaps
-from beltcomm.laboratory.gaps import gap_is_supported
+from beltcomm.laboratory.gaps import _gap_is_supported
 from beltcomm.laboratory.selection import Candidate
 from beltcomm.model import build_model
 from beltcomm.runfolder import RunFolder
@@ -59,7 +59,7 @@ def needed_in(machine: Machine, folder: Path) -> bool:
     data = with_process_noise(prepare(run.recordings(), run.axis, model), model)
     found = fit(data, model, 12)
     calmer = with_process_noise(data, found.model)
-    return gap_is_supported(calmer, fit(calmer, found.model, 6), GAP)
+    return _gap_is_supported(calmer, fit(calmer, found.model, 6), GAP)
 
 
 @pytest.mark.examination
@@ -100,13 +100,13 @@ def test_a_gap_is_asked_about_no_longer_than_the_answer_needs(
         heard.append("stray")
         return data
 
-    monkeypatch.setattr(gaps, "with_stray", lambda data, width: data)
-    monkeypatch.setattr(gaps, "with_likeliest_stray", strayed)
+    monkeypatch.setattr(gaps, "_with_stray", lambda data, width: data)
+    monkeypatch.setattr(gaps, "_with_likeliest_stray", strayed)
     monkeypatch.setattr(gaps, "fit", fitted)
-    monkeypatch.setattr(gaps, "exceeds_threshold", lambda grown, closed, times=1.0: closed.lead > times)
+    monkeypatch.setattr(gaps, "_exceeds_threshold", lambda grown, closed, times=1.0: closed.lead > times)
     grown: Any = SimpleNamespace(model=BASE.with_effect("backlash", {"gap": 5e-5}))
     data: Any = None  # nothing is fitted
-    assert gap_is_supported(data, grown, GAP) is answer
+    assert _gap_is_supported(data, grown, GAP) is answer
     assert heard == asked
 
 
@@ -135,15 +135,15 @@ def searched(
         return (fitted(grown.model.without_effect("backlash")), ("backlash",)) if newest in alone else (grown, ())
 
     heard: list[Candidate] = []
-    monkeypatch.setattr(gaps, "gap_is_supported", lambda _data, grown, _gap: own(grown.model))
-    monkeypatch.setattr(diagnosis, "find_candidates", search)
+    monkeypatch.setattr(gaps, "_gap_is_supported", lambda _data, grown, _gap: own(grown.model))
+    monkeypatch.setattr(diagnosis, "_find_candidates", search)
     monkeypatch.setattr(diagnosis, "drop_superfluous", superfluous)
     monkeypatch.setattr(diagnosis, "refit_with_rebuilt_motion", lambda data, grown, _iterations: (data, grown))
     monkeypatch.setattr(diagnosis, "final_refit", lambda data, grown: (data, grown))
     monkeypatch.setattr(diagnosis, "converged_gap", lambda data, grown: (data, grown))
     monkeypatch.setattr(diagnosis, "fit_law_shapes", lambda _data, grown, _base: SimpleNamespace(fitted=grown, new=(), removed=()))
     monkeypatch.setattr(diagnosis, "assign_body", lambda *_: SimpleNamespace(new=()))
-    for name in ("Scorer", "escape_if_far_off", "find_shortcut", "remaining_structure", "verdict_of"):
+    for name in ("Scorer", "_escape_if_far_off", "_find_shortcut", "_remaining_structure", "_verdict_of"):
         monkeypatch.setattr(diagnosis, name, lambda *_: None)
     monkeypatch.setattr(diagnosis, "lowers", lambda *_: True)
     monkeypatch.setattr(diagnosis, "coupling_candidate", lambda *_: None)
@@ -154,7 +154,7 @@ def searched(
 
     monkeypatch.setattr(diagnosis, "coupling_instead", instead)
     monkeypatch.setattr(diagnosis, "refit_from_several_stiffnesses", lambda data, grown: (data, grown))
-    monkeypatch.setattr(diagnosis, "as_searched", lambda data, base: (data, base))
+    monkeypatch.setattr(diagnosis, "_as_searched", lambda data, base: (data, base))
     monkeypatch.setattr(diagnosis, "least_plain_error", lambda _data, last, *_: last)
     begun: Any = SimpleNamespace(fitted=(), held_out=(), substeps=4, path=SimpleNamespace(rivals=())), fitted(BASE)
     nothing: Any = SimpleNamespace()
@@ -216,7 +216,7 @@ def test_it_is_said_why_a_gap_is_not_taken() -> None:
 def test_only_a_gap_behind_an_observer_can_be_one_that_a_straying_carriage_does_without(
     monkeypatch: pytest.MonkeyPatch, effect: str, beside: str, own: bool, strays: bool
 ) -> None:
-    monkeypatch.setattr(gaps, "gap_is_supported", lambda *_: own)
+    monkeypatch.setattr(gaps, "_gap_is_supported", lambda *_: own)
     grown: Any = SimpleNamespace(model=BASE.with_effect(effect).with_effect(beside))
     data: Any = None
     assert gaps.is_replaceable_gap(data, grown, effect_named(effect)) is strays

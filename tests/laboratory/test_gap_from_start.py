@@ -8,8 +8,8 @@ from typing import Any, cast
 import pytest
 
 from beltcomm.effects import effect_named
-from beltcomm.laboratory.coupled_bodies import by_sections, stiffness_at, with_pulleys
-from beltcomm.laboratory.gaps import FAR_OFF, as_started, gap_from_start, with_gap
+from beltcomm.laboratory.coupled_bodies import _by_sections, _stiffness_at, _with_pulleys
+from beltcomm.laboratory.gaps import FAR_OFF, _as_started, _with_gap, gap_from_start
 from beltcomm.model import Model, load_plant
 
 #: A fit of a screw with a gap, astray: a load and a spring that are not there, and the torque late.
@@ -23,7 +23,7 @@ def screw() -> Model:
 def test_the_search_begins_with_masses_and_spring_of_the_start_and_all_friction_of_the_fit() -> None:
     truth = screw()
     astray = truth.with_effect("dead_time").with_values({**ASTRAY, "dead_time.time": 0.001})
-    begun = as_started(astray, truth)
+    begun = _as_started(astray, truth)
     for name in ("motor.inertia", "cart.mass", "belt_stiffness.stiffness"):
         assert begun[name] == truth[name]
     assert begun["dead_time.time"] == 0.0
@@ -35,7 +35,7 @@ def test_the_search_begins_with_masses_and_spring_of_the_start_and_all_friction_
 
 
 def test_a_gap_has_its_width_and_its_contact() -> None:
-    found = with_gap(screw(), effect_named("backlash"), 2e-5, 0.03)
+    found = _with_gap(screw(), effect_named("backlash"), 2e-5, 0.03)
     assert (found["backlash.gap"], found["backlash.rounding"]) == (2e-5, 0.03)
 
 
@@ -52,12 +52,12 @@ def test_sections_take_the_place_of_spans_with_their_geometry_which_no_fit_moves
     rig = load_plant("egc_70").model
     values = {f"belt_spans.{name}": rig[f"belt_sections.{name}"] for name in ("specific_stiffness", "pulley_distance", "offset")}
     spans = rig.without_effect("belt_sections").with_effect("belt_spans").with_effect("belt_damping").with_values(values)
-    grown = by_sections(spans, stiffness_at(spans, 0.25))
+    grown = _by_sections(spans, _stiffness_at(spans, 0.25))
     assert grown is not None
     assert not {"belt_spans", "belt_damping"} & set(grown.effects)
     distance = grown.parameters["belt_sections.pulley_distance"]
     assert distance.low == distance.value == distance.high == rig["belt_sections.pulley_distance"]
     assert grown["belt_sections.offset"] == rig["belt_sections.offset"]
-    begun = list(with_pulleys(grown, 11.57, stiffness_at(spans, 0.25)))  # beside sections that are there already
+    begun = list(_with_pulleys(grown, 11.57, _stiffness_at(spans, 0.25)))  # beside sections that are there already
     assert begun
     assert all(one.effects == grown.effects and one["end_pulley.mass"] != grown["end_pulley.mass"] for one in begun)

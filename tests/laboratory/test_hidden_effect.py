@@ -17,8 +17,8 @@ from beltcomm.effects import effect_named
 from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.records import Data
 from beltcomm.fit.start.model import start_model
-from beltcomm.jobs.change import better, diagnosis_start
-from beltcomm.laboratory.diagnosis import Stage, find_shortcut, fit_base_of
+from beltcomm.jobs.change import _better, _diagnosis_start
+from beltcomm.laboratory.diagnosis import Stage, _find_shortcut, fit_base_of
 from beltcomm.laboratory.score import Scorer, ground_of
 from beltcomm.laboratory.selection import candidate, with_effect
 from beltcomm.laboratory.visible import detection_limits
@@ -100,20 +100,20 @@ def test_a_detour_is_judged_again(apart: tuple[Data, Fitted, dict[str, Fitted]])
         tried = candidate(data, base, effect_named(first), 0.0, fits[first], 1)
         return [Stage(base, (tried,), first, (), fits[first]), Stage(fits[first], (), second, (first,), fits[second])]
 
-    found = find_shortcut([data, data], steps("quadratic_drag", "cogging"))
+    found = _find_shortcut([data, data], steps("quadratic_drag", "cogging"))
     assert found is not None
     number, step = found
     assert (number, step.before, step.added, step.removed, step.detour) == (0, base, "cogging", (), ("quadratic_drag",))
     assert [c.effect.name for c in step.candidates] == ["cogging", "quadratic_drag"]
-    assert find_shortcut([data, data], steps("cogging", "quadratic_drag")) is None
+    assert _find_shortcut([data, data], steps("cogging", "quadratic_drag")) is None
     tried, last = steps("quadratic_drag", "cogging")
     shaped = Stage(tried.after, (), "", (), tried.after, ("cogging.order",))
-    found = find_shortcut([data], [tried, shaped, last])
+    found = _find_shortcut([data], [tried, shaped, last])
     assert found is not None
     assert found[0] == 0
     assert found[1].forms == ("cogging.order",), "a form that stays in the model stays in its steps"
     kept = Stage(fits["quadratic_drag"], (), "cogging", (), fits["cogging"])
-    assert find_shortcut([data], [kept]) is None, "nothing came before it"
+    assert _find_shortcut([data], [kept]) is None, "nothing came before it"
 
 
 @pytest.mark.examination
@@ -126,21 +126,21 @@ def test_adding_begins_where_the_diagnosis_ended(
     wrong = fit(data, base.model.with_effect("cogging", {"order": hidden_cogging[1] + 7.0}), 3, offsets=base.offsets)
     other = RunFolder.open(shutil.copytree(hidden_cogging[0], tmp_path / "run"))
 
-    assert better(other, data, base, wrong, "cogging") is wrong, "no diagnosis yet"
+    assert _better(other, data, base, wrong, "cogging") is wrong, "no diagnosis yet"
     found = {"effects": list(right.model.effects), "parameters": {name: {"value": v.value} for name, v in right.model.parameters.items()}}
     other.save("results", "diagnosis", {"after": found})
-    led = better(other, data, base, wrong, "cogging")
+    led = _better(other, data, base, wrong, "cogging")
     assert led.objective <= right.objective + 0.1, "it begins there, and may go on"
     assert led.model["cogging.order"] == pytest.approx(right.model["cogging.order"], rel=1e-3)
-    assert better(other, data, base, wrong, "stribeck") is wrong, "the diagnosis says nothing of it"
+    assert _better(other, data, base, wrong, "stribeck") is wrong, "the diagnosis says nothing of it"
     form = {"stribeck.exponent": {"value": 2.25}, "stribeck.amount": {"value": 0.03}}
     other.save("results", "diagnosis", {"after": {"effects": ["stribeck"], "parameters": form}})
-    told = diagnosis_start(other, base.model, "stribeck")
+    told = _diagnosis_start(other, base.model, "stribeck")
     assert told is not None
     assert (told["stribeck.amount"], told["stribeck.exponent"]) == (0.03, 2.0), "a form is found after its effect"
     for damaged in ({}, {"after": None}, {"after": {"effects": ["cogging"], "parameters": {"motor.inertia": {"value": -1.0}}}}):
         other.save("results", "diagnosis", damaged)
-        assert better(other, data, base, wrong, "cogging") is wrong
+        assert _better(other, data, base, wrong, "cogging") is wrong
 
 
 @pytest.mark.examination

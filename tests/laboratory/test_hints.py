@@ -13,7 +13,7 @@ from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.fit.likelihood.free_parameters import free_parameters
 from beltcomm.fit.likelihood.problem import Problem, time_blocks
 from beltcomm.fit.residual.segment import segments
-from beltcomm.laboratory.single_record import BY_CHANCE, explained_elongation, likeliest
+from beltcomm.laboratory.single_record import BY_CHANCE, _likeliest, explained_elongation
 from identify.records import NOISE_NM, STEP_RAD, Recorder, true_model
 from truth.rigs import draw
 
@@ -57,7 +57,7 @@ def test_a_record_at_one_place_says_how_stiff_the_belt_is_there(factor: float, s
     )
     soft = model.with_values({"belt_stiffness.stiffness": model["belt_stiffness.stiffness"] / factor})
     pieces = segments(part, soft, STEP_RAD, NOISE_NM, fitted=True)
-    found = likeliest(cast("Fitted", SimpleNamespace(model=soft)), pieces[0])
+    found = _likeliest(cast("Fitted", SimpleNamespace(model=soft)), pieces[0])
     if not seen:
         assert found is None
     else:

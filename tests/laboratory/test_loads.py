@@ -16,7 +16,7 @@ from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.uncertainty.intervals import with_intervals
 from beltcomm.model.value import Value
 from beltcomm.recording.signalfile import write_columns
-from beltcomm.rundata.fitted_run import open_fitted, own_loads
+from beltcomm.rundata.fitted_run import _own_loads, open_fitted
 from beltcomm.talk import Silence
 
 PERIOD_S, SUB, STEP = 1e-3, 20, math.tau / 65536
@@ -184,8 +184,8 @@ def test_a_load_that_no_fitted_record_carries_is_refused(tmp_path: Path) -> None
 def test_a_load_that_nobody_mentions_and_that_is_not_refused_is_told(tmp_path: Path) -> None:
     records = {"a": (turning(1, INERTIA), ()), "b": (turning(2, 1.12 * INERTIA), ()), "c": (turning(3, INERTIA), ())}
     (tmp_path / "alike").mkdir()
-    found = own_loads(fitted(run_of(tmp_path, records, set_words(*MOTOR_ALONE))))
+    found = _own_loads(fitted(run_of(tmp_path, records, set_words(*MOTOR_ALONE))))
     assert [load.record for load in found][:1] == ["b"]
     assert abs(found[0].mass / (1.12 * INERTIA) - 1.0) < 0.02
     alike = {"a": records["a"], "c": records["c"]}
-    assert own_loads(fitted(run_of(tmp_path / "alike", alike, set_words(*MOTOR_ALONE)))) == []
+    assert _own_loads(fitted(run_of(tmp_path / "alike", alike, set_words(*MOTOR_ALONE)))) == []

@@ -10,11 +10,11 @@ import pytest
 
 from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory import diagnosis
-from beltcomm.laboratory.diagnosis import as_searched, fit_base_of
+from beltcomm.laboratory.diagnosis import _as_searched, fit_base_of
 from beltcomm.laboratory.gaps import gap_with_delay
 from beltcomm.laboratory.selection import Candidate, fit_with_sheet_values
 from beltcomm.runfolder import RunFolder
-from beltcomm.sentences.diagnosis_data import ranked
+from beltcomm.sentences.diagnosis_data import _ranked
 from beltcomm.sentences.ladder import trial_line
 from truth.hidden import draw, write_session
 
@@ -28,7 +28,7 @@ def found_in(folder: Path, effects: tuple[str, ...], seed: int) -> tuple[Candida
     run = RunFolder.open(folder / "run")
     records = run.recordings()
     start = start_model(run.axis, records)
-    data, base = as_searched(*fit_base_of(records, run.axis, start))
+    data, base = _as_searched(*fit_base_of(records, run.axis, start))
     return gap_with_delay(data, base, fit_with_sheet_values(data, base, start)), base.ratio
 
 
@@ -46,7 +46,7 @@ def test_a_gap_is_found_behind_a_late_torque(tmp_path: Path, delay: str, seed: i
     assert found.fitted is not None
     assert not {"dead_time", "current_lag"} & set(found.fitted.model.effects), "the next stage has to find it"
     assert found.fitted.ratio < before
-    assert ranked(found)["beside"] == found.beside
+    assert _ranked(found)["beside"] == found.beside
     assert f"together with {found.beside}" in trial_line(found)
     assert "together" not in trial_line(replace(found, beside=""))
 
@@ -69,6 +69,6 @@ def test_both_are_tried_only_where_nothing_explains_most(monkeypatch: pytest.Mon
         monkeypatch.setattr(diagnosis, name, lambda *_: None)
     monkeypatch.setattr(diagnosis, "gap_with_delay", lambda *words: tries.append(words) or behind)
     anything: Any = type("Anything", (), {"fitted": ()})()
-    found = diagnosis.find_candidates(anything, anything, anything, anything, anything, 1.04, lambda _fraction: None)
+    found = diagnosis._find_candidates(anything, anything, anything, anything, anything, 1.04, lambda _fraction: None)
     assert bool(tries) is asked
     assert (behind in found) is asked

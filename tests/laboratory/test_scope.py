@@ -15,11 +15,11 @@ from beltcomm.fit.torque.path import DriveLaw, Lag, TorquePath
 from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, Stage, Verdict
 from beltcomm.laboratory.scope import (
     OF_DRIVE,
-    contact_that_opens,
-    current_loop_within_sample,
-    structure_of_rounding,
-    unknown_delivery,
-    without_names,
+    _contact_that_opens,
+    _current_loop_within_sample,
+    _structure_of_rounding,
+    _unknown_delivery,
+    _without_names,
 )
 from beltcomm.laboratory.score import Scorer
 from beltcomm.model import Model, build_model, load_plant
@@ -34,7 +34,7 @@ def test_a_lag_as_short_as_a_settled_current_loop_s_may_be_the_drive_s(period_s:
     base, lagging = (cast(Fitted, SimpleNamespace(model=m, ratio=2.0)) for m in (BASE, BASE.with_effect("current_lag", {"time": 2e-4})))
     data = cast(Data, SimpleNamespace(path=TorquePath(DriveLaw(1.0, lags)), recordings=[SimpleNamespace(sample_period_s=period_s)]))
     found = Diagnosis(base, data, (Stage(base, (), "current_lag", (), lagging),), "explained", (), cast(Scorer, None), data)
-    assert ("0.2 ms" in current_loop_within_sample(found)) == told
+    assert ("0.2 ms" in _current_loop_within_sample(found)) == told
 
 
 @pytest.mark.parametrize(("step_rad", "level", "told"), [(6e-3, 1.0, True), (1e-6, 1.0, False), (6e-3, 1.5, False)])
@@ -43,7 +43,7 @@ def test_what_a_coarse_encoder_leaves_in_step_with_the_motion_is_no_finding(step
     problem = SimpleNamespace(pieces=[piece], samples=1000)
     base = cast(Fitted, SimpleNamespace(model=BASE, ratio=1.0, objective=1000.0 * level, problem=problem))
     found = Diagnosis(base, cast(Data, None), (Stage(base, (), "", (), base),), NONE_EXPLAINS, (), cast(Scorer, None), cast(Data, None))
-    assert ("rounding" in structure_of_rounding(found)) == told
+    assert ("rounding" in _structure_of_rounding(found)) == told
 
 
 def test_without_a_setpoint_no_effect_that_a_drive_has_is_named_behind_another_name() -> None:
@@ -54,13 +54,13 @@ def test_without_a_setpoint_no_effect_that_a_drive_has_is_named_behind_another_n
     found = Diagnosis(base, cast(Data, None), steps, "explained", (), cast(Scorer, None), cast(Data, None))
     read = cast(list[Recording], [SimpleNamespace(torque_setpoint=None, side="motor")])
     asked = cast(list[Recording], [SimpleNamespace(torque_setpoint=np.zeros(1), side="motor")])
-    assert "dead_time fits best" in unknown_delivery(found, read)
-    assert unknown_delivery(found, asked) == ""
-    assert unknown_delivery(replace(found, steps=steps[:1]), read) == ""
-    left = without_names(found, OF_DRIVE)
+    assert "dead_time fits best" in _unknown_delivery(found, read)
+    assert _unknown_delivery(found, asked) == ""
+    assert _unknown_delivery(replace(found, steps=steps[:1]), read) == ""
+    left = _without_names(found, OF_DRIVE)
     assert left.added_effects == ["cogging"]
     assert left.verdict == "cannot tell"
-    assert without_names(found).added_effects == []
+    assert _without_names(found).added_effects == []
 
 
 @pytest.mark.parametrize(
@@ -78,4 +78,4 @@ def test_far_above_the_noise_play_is_to_be_felt_for_where_no_effect_explains_any
     """As on a screw whose nut has 50 µm of play."""
     base = cast(Fitted, SimpleNamespace(model=model, ratio=ratio))
     found = Diagnosis(base, cast(Data, None), (Stage(base, (), "", (), base),), verdict, (), cast(Scorer, None), cast(Data, None))
-    assert ("dial gauge" in contact_that_opens(found)) == told
+    assert ("dial gauge" in _contact_that_opens(found)) == told

@@ -42,10 +42,10 @@ def test_columns_that_do_not_divide_are_said_to_be_none() -> None:
 
 def test_a_search_is_next_only_where_something_is_left_to_be_found(tmp_path: Path) -> None:
     folder = RunFolder.create(tmp_path / "run", load_axis("egc-70-600"))
-    assert " diagnose " in job.after_comparison(folder, comparison(1.3), False).command
-    assert " diagnose " in job.after_comparison(folder, comparison(1.0, 1.3), False).command
-    assert " diagnose " in job.after_comparison(folder, comparison(0.5), True).command
-    assert " diagnose " not in job.after_comparison(folder, comparison(1.01, 1.01), False).command
+    assert " diagnose " in job._after_comparison(folder, comparison(1.3), False).command
+    assert " diagnose " in job._after_comparison(folder, comparison(1.0, 1.3), False).command
+    assert " diagnose " in job._after_comparison(folder, comparison(0.5), True).command
+    assert " diagnose " not in job._after_comparison(folder, comparison(1.01, 1.01), False).command
 
 
 def test_a_diagnosis_fits_on_a_screen_with_number_cause_and_check(monkeypatch: pytest.MonkeyPatch) -> None:

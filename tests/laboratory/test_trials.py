@@ -7,7 +7,7 @@ import math
 import pytest
 
 from beltcomm.effects import AxisSummary, effect_named
-from beltcomm.effects.payload_mode import force
+from beltcomm.effects.payload_mode import _force
 
 ACCELERATION_M_S2 = 12.0
 GROUND = AxisSummary(
@@ -23,7 +23,7 @@ def test_a_soft_payload_begins_as_a_straight_spring() -> None:
     for trial in trials(GROUND):
         own, mass = dict(trial.values), trial.values["payload.mass"]
         stretch = mass * ACCELERATION_M_S2 / own["stiffness"]  # by the largest acceleration of the carriage
-        pull = force(stretch, 0.0, 0.0, own["stiffness"], own["damping"], own["hardening"])
+        pull = _force(stretch, 0.0, 0.0, own["stiffness"], own["damping"], own["hardening"])
         assert pull == pytest.approx(mass * ACCELERATION_M_S2, rel=0.005)
     frequencies = [math.sqrt(t.values["stiffness"] / t.values["payload.mass"]) / math.tau for t in trials(GROUND)]
     assert min(frequencies) < 5.0 < 50.0 < max(frequencies)

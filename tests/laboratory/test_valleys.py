@@ -12,7 +12,7 @@ from beltcomm.fit.estimate import Fitted, fit
 from beltcomm.fit.records import Data
 from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory import diagnosis
-from beltcomm.laboratory.diagnosis import escape_if_far_off, fit_base_of
+from beltcomm.laboratory.diagnosis import _escape_if_far_off, fit_base_of
 from beltcomm.model import build_model
 from beltcomm.runfolder import RunFolder
 from truth.hidden import draw, write_session
@@ -41,11 +41,11 @@ def test_with_one_weight_a_stretch_the_fit_leaves_a_wrong_valley(
     values = {"end_pulley.mass": mass, "end_pulley.share": share, "end_pulley.split": 0.6, "motor.inertia": inertia}
     stuck = fit(data, without.model.with_effect("end_pulley").with_values(values, "trial"), 100, offsets=without.offsets)
     assert stuck.ratio > 20.0, "however long the fit goes on"
-    found = escape_if_far_off(data, stuck)
+    found = _escape_if_far_off(data, stuck)
     assert found is not None
     assert found.ratio < 1.5
     assert found.model["motor.inertia"] == pytest.approx(7.43e-5, rel=0.01), "as the machine has it"
-    assert escape_if_far_off(data, found) is None, "there is no better one"
+    assert _escape_if_far_off(data, found) is None, "there is no better one"
 
 
 @pytest.mark.parametrize(
@@ -70,7 +70,7 @@ def test_only_a_bad_end_is_looked_at_again_and_only_a_better_one_is_taken(
 
     monkeypatch.setattr(diagnosis, "escape_local_minimum", other)
     data: Any = SimpleNamespace()
-    assert (escape_if_far_off(data, fitted(level * 10_000, 2000.0)) is not None) is taken
+    assert (_escape_if_far_off(data, fitted(level * 10_000, 2000.0)) is not None) is taken
     assert len(asked) == (level > 1.3), "a machine that is found right loses no time"
 
 
@@ -83,7 +83,7 @@ def test_the_search_goes_on_from_the_better_valley(monkeypatch: pytest.MonkeyPat
         return None if "better" in fitted.name else model("better")
 
     def model(name: str) -> Any:
-        size = {"objective": 0.0, "problem": SimpleNamespace(samples=1, forget=lambda: None), "ratio": 2.0, "held_out_ratio": None}
+        size = {"objective": 1.0, "problem": SimpleNamespace(samples=1, forget=lambda: None), "ratio": 2.0, "held_out_ratio": None}
         return SimpleNamespace(name=name, model=SimpleNamespace(effects=()), **size)
 
     named = SimpleNamespace(
@@ -91,14 +91,14 @@ def test_the_search_goes_on_from_the_better_valley(monkeypatch: pytest.MonkeyPat
     )
     found = [[named], [], []]
     monkeypatch.setattr(diagnosis, "search", lambda *_, **_options: found.pop(0))
-    monkeypatch.setattr(diagnosis, "escape_if_far_off", beyond_of)
+    monkeypatch.setattr(diagnosis, "_escape_if_far_off", beyond_of)
     monkeypatch.setattr(diagnosis, "refit_with_rebuilt_motion", lambda data, fitted, *_: (data, model(fitted.name + ", again")))
-    for name in ("final_refit", "as_searched"):
+    for name in ("final_refit", "_as_searched"):
         monkeypatch.setattr(diagnosis, name, lambda data, fitted: (data, fitted))
     monkeypatch.setattr(diagnosis, "drop_superfluous", lambda _data, fitted, *_: (fitted, ()))
     monkeypatch.setattr(diagnosis, "fit_law_shapes", lambda _data, fitted, _base: SimpleNamespace(fitted=fitted, new=(), removed=()))
     monkeypatch.setattr(diagnosis, "assign_body", lambda *_: SimpleNamespace(new=()))
-    for name in ("Scorer", "ground_of", "left_start_values", "remaining_structure", "verdict_of"):
+    for name in ("Scorer", "ground_of", "left_start_values", "_remaining_structure", "_verdict_of"):
         monkeypatch.setattr(diagnosis, name, lambda *_: None)
     monkeypatch.setattr(diagnosis, "lowers", lambda *_: True)
     monkeypatch.setattr(diagnosis, "least_plain_error", lambda _data, last, *_: last)

@@ -25,8 +25,8 @@ from beltcomm.laboratory.acceptance import (
     share_left,
     undetermined_effects,
 )
-from beltcomm.laboratory.diagnosis import Stage, verdict_of
-from beltcomm.laboratory.samples import excess, partitions
+from beltcomm.laboratory.diagnosis import Stage, _verdict_of
+from beltcomm.laboratory.samples import _excess, _partitions
 from beltcomm.laboratory.selection import Candidate
 from beltcomm.model import build_model
 from beltcomm.rundata.revisions import Revision
@@ -95,9 +95,9 @@ def test_what_is_explained_would_pass_as_a_machine_of_which_nothing_is_missing(
     after: Any = SimpleNamespace(model=model, objective=level * 5000, problem=problem, ratio=ratio, held_out_ratio=None)
     base: Any = SimpleNamespace(model=BASE, ratio=1.5, held_out_ratio=None)
     monkeypatch.setattr(diagnosis, "with_intervals", lambda _fitted: BASE)
-    assert verdict_of(base, [Stage(base, (), "tilt", (), after)], (), 0.0) == verdict
+    assert _verdict_of(base, [Stage(base, (), "tilt", (), after)], (), 0.0) == verdict
     untouched: Any = SimpleNamespace(objective=after.objective, problem=after.problem)  # of it nothing else is asked
-    missing = verdict_of(untouched, [], (), 0.0) != "nothing missing"
+    missing = _verdict_of(untouched, [], (), 0.0) != "nothing missing"
     assert missing is (level >= diagnosis.NOISE_KNOWN)
     assert not (missing and verdict == "explained")
 
@@ -130,7 +130,7 @@ def kept_beside_slack(monkeypatch: pytest.MonkeyPatch, grown: Any, smaller: Any,
 
     smaller : its refit without the gap.   drop : by how much O falls from that to the model, nats.
     """
-    monkeypatch.setattr(selection, "rise_without", lambda _fitted: {})
+    monkeypatch.setattr(selection, "_rise_without", lambda _fitted: {})
     monkeypatch.setattr(selection, "fit_of", lambda *_, **_options: smaller)
     monkeypatch.setattr(selection, "problem_of", lambda *_: None)
     monkeypatch.setattr(selection, "most_within", lambda *_: 0.0)
@@ -162,8 +162,8 @@ def test_nothing_is_superfluous_whose_loss_leaves_much_more(
 
 def test_every_form_that_followed_an_effect_is_saved_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(laboratory, "current_revision", lambda _folder: "there")
-    monkeypatch.setattr(laboratory, "undetermined_in", lambda *_: [])
-    monkeypatch.setattr(laboratory, "is_confirmed", lambda *_: True)
+    monkeypatch.setattr(laboratory, "_undetermined_in", lambda *_: [])
+    monkeypatch.setattr(laboratory, "confirms", lambda *_: True)
     monkeypatch.setattr(laboratory, "revision_of", lambda _folder, new, old, change, *_: (old[1], new[1], change))
     step: Any = Stage  # names stand for models
     named = [
@@ -175,7 +175,7 @@ def test_every_form_that_followed_an_effect_is_saved_with_it(monkeypatch: pytest
     ]
     folder: Any = SimpleNamespace()
     found: Any = SimpleNamespace(base="base", steps=named, published_base=(None, "base"), data=None)
-    made: Any = laboratory.climb(folder, found, True, "", "")
+    made: Any = laboratory._climb(folder, found, True, "", "")
     assert made == [("base", "Z", "+end_pulley +viscous_end_pulley -warmup with its form"), ("Z", "last", "+cogging")]
 
 
@@ -197,7 +197,7 @@ def test_only_what_held_out_records_confirm_is_added_by_itself(
         for name, h in zip(("base", "once", "twice"), (*held, held[1]), strict=True)
     )
     monkeypatch.setattr(laboratory, "current_revision", lambda _folder: "there")
-    monkeypatch.setattr(laboratory, "undetermined_in", lambda *_: [])
+    monkeypatch.setattr(laboratory, "_undetermined_in", lambda *_: [])
     monkeypatch.setattr(
         laboratory,
         "revision_of",
@@ -207,13 +207,14 @@ def test_only_what_held_out_records_confirm_is_added_by_itself(
     steps = [step(base, (), "cogging", (), once), step(once, (), "warmup", (), twice), step(twice, (), "", (), twice)]
     folder: Any = SimpleNamespace()
     monkeypatch.setattr(acceptance, "changes", lambda *_: ((-1.0, 0.0), (-1.0, 0.0)))
+    monkeypatch.setattr(laboratory, "confirms", lambda _folder, new, old: acceptance.is_confirmed(old[0], old[1], new[1]))
     found: Any = SimpleNamespace(base=base, steps=steps, published_base=(None, base), data=None)
-    made = laboratory.climb(folder, found, True, "", "")
+    made = laboratory._climb(folder, found, True, "", "")
     assert len(made) == added
     text = "\n".join(climb_lines(made, ["cogging", "warmup"], held[1] is not None, Path("RUN")))
     assert all(part in text for part in said), text
-    monkeypatch.setattr(laboratory, "undetermined_in", lambda *_: ["cogging"])
-    assert laboratory.climb(folder, found, True, "", "") == [], "an effect of which no number is known is a suggestion"
+    monkeypatch.setattr(laboratory, "_undetermined_in", lambda *_: ["cogging"])
+    assert laboratory._climb(folder, found, True, "", "") == [], "an effect of which no number is known is a suggestion"
     assert "`beltcomm add cogging RUN`" in "\n".join(climb_lines([], ["cogging"], True, Path("RUN"), ["cogging"]))
 
 
@@ -222,14 +223,15 @@ def test_two_effects_that_only_both_together_are_confirmed_become_one_revision(m
         SimpleNamespace(held_out_ratio=ratio, held_out_level=objective) for ratio, objective in ((3.0, 9.0), (3.1, 9.5), (1.0, 2.0))
     )
     monkeypatch.setattr(laboratory, "current_revision", lambda _folder: "there")
-    monkeypatch.setattr(laboratory, "undetermined_in", lambda *_: [])
+    monkeypatch.setattr(laboratory, "_undetermined_in", lambda *_: [])
     monkeypatch.setattr(laboratory, "revision_of", lambda _folder, new, old, change, *_: (old[1], new[1], change))
     step: Any = Stage
     steps = [step(base, (), "end_pulley", (), once), step(once, (), "warmup", (), twice), step(twice, (), "", (), twice)]
     folder: Any = SimpleNamespace()
     monkeypatch.setattr(acceptance, "changes", lambda *_: ((-1.0, 0.0), (-1.0, 0.0)))
+    monkeypatch.setattr(laboratory, "confirms", lambda _folder, new, old: acceptance.is_confirmed(old[0], old[1], new[1]))
     found: Any = SimpleNamespace(base=base, steps=steps, published_base=(None, base), data=None)
-    made: Any = laboratory.climb(folder, found, True, "", "")
+    made: Any = laboratory._climb(folder, found, True, "", "")
     assert made == [(base, twice, "+end_pulley +warmup")]
 
 
@@ -248,16 +250,16 @@ def test_two_effects_that_only_both_together_are_confirmed_become_one_revision(m
 )
 def test_twins_are_told_whichever_comes_first_and_whoever_stands_between(ranked: Any, twins: tuple[str, ...]) -> None:
     given: Any = [SimpleNamespace(effect=effect_named(name), evidence=evidence, accepted=ok) for name, evidence, ok in ranked]
-    assert diagnosis.twins_of(given) == twins
+    assert diagnosis._twins_of(given) == twins
 
 
 def test_noise_has_no_structure_and_a_small_constant_has() -> None:
     random = np.random.default_rng(3)
     number = np.repeat(np.arange(40), 500)
     noise = random.standard_normal(len(number))
-    assert abs(excess(noise, number)) < 5.0
-    assert excess(noise + 0.2 * (number % 2), number) > 25.0
-    assert excess(noise, np.arange(len(noise))) == 0.0, "bins of one value say nothing"
+    assert abs(_excess(noise, number)) < 5.0
+    assert _excess(noise + 0.2 * (number % 2), number) > 25.0
+    assert _excess(noise, np.arange(len(noise))) == 0.0, "bins of one value say nothing"
 
 
 @pytest.mark.parametrize(
@@ -322,12 +324,12 @@ def test_an_effect_with_which_the_error_as_a_whole_grows_is_not_taken(
     found = [[candidate], []]
     monkeypatch.setattr(diagnosis, "search", lambda *_, **_options: found.pop(0))
     monkeypatch.setattr(diagnosis, "refit_with_rebuilt_motion", lambda data, *_: (data, fitted(grown, held)))
-    for name in ("final_refit", "as_searched"):
+    for name in ("final_refit", "_as_searched"):
         monkeypatch.setattr(diagnosis, name, lambda data, last: (data, last))
     monkeypatch.setattr(diagnosis, "drop_superfluous", lambda _data, last, *_: (last, ()))
     monkeypatch.setattr(diagnosis, "fit_law_shapes", lambda _data, last, _base: SimpleNamespace(fitted=last, new=(), removed=()))
     monkeypatch.setattr(diagnosis, "assign_body", lambda *_: SimpleNamespace(new=()))
-    for name in ("Scorer", "ground_of", "left_start_values", "remaining_structure", "verdict_of", "escape_if_far_off"):
+    for name in ("Scorer", "ground_of", "left_start_values", "_remaining_structure", "_verdict_of", "_escape_if_far_off"):
         monkeypatch.setattr(diagnosis, name, lambda *_: None)
     monkeypatch.setattr(diagnosis, "lowers", lambda *_: True)
     monkeypatch.setattr(diagnosis, "least_plain_error", lambda _data, last, *_: last)
@@ -341,7 +343,7 @@ def test_an_effect_with_which_the_error_as_a_whole_grows_is_not_taken(
 def test_whatever_the_rest_goes_with_has_words() -> None:
     row = np.zeros(2)
     samples: Any = SimpleNamespace(speed=row, position=row, time=row, record=row)
-    assert set(partitions(samples)) == set(ladder.LEFT_WORDS)
+    assert set(_partitions(samples)) == set(ladder.LEFT_WORDS)
 
 
 def test_each_stage_of_a_search_is_a_phase_of_its_own_and_no_number_of_them_is_promised() -> None:
@@ -349,7 +351,7 @@ def test_each_stage_of_a_search_is_a_phase_of_its_own_and_no_number_of_them_is_p
     times = iter(range(0, 100, 4))
     talk = PlainTalk(text, clock=lambda: float(next(times)))
     talk.phase(1, 0, "search for missing effects")
-    heard = effect_search.staged(talk)
+    heard = effect_search._staged(talk)
     for stage, fraction in ((1, 0.25), (1, 0.5), (2, 0.25)):
         heard(stage, fraction)
     assert text.getvalue().splitlines() == [

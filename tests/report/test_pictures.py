@@ -13,7 +13,7 @@ from matplotlib.textpath import text_to_path
 from beltcomm.laboratory.samples import Units
 from beltcomm.report import page, style
 from beltcomm.report.overlay import overlay_figure
-from beltcomm.report.page import svg_of
+from beltcomm.report.page import _svg_of
 from beltcomm.report.staircase import RecordChange, Stair, change_figure, staircase_figure
 from beltcomm.residuals.responses import Trace, compared
 
@@ -72,11 +72,11 @@ def test_a_word_of_many_figures_is_measured_once(monkeypatch: pytest.MonkeyPatch
         return real(text, *rest)
 
     monkeypatch.setattr(text_to_path, "get_text_width_height_descent", watched)
-    page.measured.cache_clear()
-    first = svg_of(ladder(3.0, 1.0))
+    page._measured.cache_clear()
+    first = _svg_of(ladder(3.0, 1.0))
     count = len(measured)
     assert count == len(set(measured)) > 5
-    assert svg_of(ladder(3.0, 1.0)) == first
+    assert _svg_of(ladder(3.0, 1.0)) == first
     assert len(measured) == count
 
 

@@ -20,6 +20,7 @@ from beltcomm import api
 from beltcomm.axis import Axis
 from beltcomm.experiments import commission as sequence
 from beltcomm.experiments import phases, raising, sameness
+from beltcomm.identify import final
 from beltcomm.identify.final import FinalModel, final_model
 from beltcomm.machine import stops
 from beltcomm.recording import Recording
@@ -70,7 +71,8 @@ def complete(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Complete]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(api, "open_drive", bench.open)
-        patch.setattr(sequence, "final_model", fit)
+        for module in (sequence, final):  # where a commissioning calls it, and where it is begun once more elsewhere
+            patch.setattr(module, "final_model", fit)
         remember_pure(patch)
         result = api.commission(bench.name, "egc-70-600", path, options=api.Options(yes=True, seed=SEED), talk=talk)
     yield Complete(bench, path, result, talk, fits[-1])
@@ -97,7 +99,7 @@ def copy_of_complete(complete: Complete, tmp_path: Path) -> Callable[..., Path]:
 @pytest.fixture
 def fitted(complete: Complete, monkeypatch: pytest.MonkeyPatch) -> None:
     """A calculation that these tests do not look at: the final fit is that of the complete run."""
-    for module in (sequence, offline):
+    for module in (sequence, offline, final):
         monkeypatch.setattr(module, "final_model", lambda *_args, **_kwargs: complete.final)
 
 

@@ -134,7 +134,7 @@ def test_a_fault_of_the_program_is_laid_on_files_that_were_edited_alone(
     path = run / "results" / "plan.yaml"
     if edited:
         path.write_text(re.sub(r"continuous: .*", "continuous: 5.0e+99", path.read_text(encoding="utf-8"), count=1), encoding="utf-8")
-    monkeypatch.setattr(job, "facts", lambda _: [][0])
+    monkeypatch.setattr(job, "_facts", lambda _: [][0])
     outcome = call("report", run)
     assert (outcome.exit_code, "an unexpected error" in outcome.stderr) == ((3, False) if edited else (1, True))
     assert (f"{path} is not as beltcomm wrote it" in outcome.stderr) == edited

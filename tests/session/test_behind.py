@@ -10,7 +10,7 @@ import pytest
 
 from beltcomm import api
 from beltcomm.model import load_model
-from beltcomm.rundata.headline import behind
+from beltcomm.rundata.headline import behind, headline_of, next_command
 from beltcomm.rundata.revisions import CURRENT, RECORDS, new_revision, unfitted
 from beltcomm.runfolder import RunFolder
 
@@ -31,6 +31,17 @@ def test_a_commissioned_run_is_not_behind(copy_of_complete: Copy) -> None:
     folder = RunFolder.open(copy_of_complete())
     assert unfitted(folder) == []
     assert behind(folder) == []
+
+
+def test_the_next_step_says_that_the_model_does_not_know_all_records(copy_of_complete: Copy) -> None:
+    """Where the page shows an error of those records, "gains with margins" alone reads like gains of the model as it is."""
+    folder = before_its_sweep(copy_of_complete())
+    step = next_command(folder, headline_of(folder), "virtual")
+    assert step.command.startswith("beltcomm design ")
+    assert step.why == "gains with margins, by a model of all records"
+    for result in (folder.path / "results").glob("verify_*"):
+        result.unlink()
+    assert f"; its model is of before {', '.join(unfitted(folder))}" in headline_of(folder).sentence
 
 
 @pytest.mark.examination

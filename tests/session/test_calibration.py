@@ -107,7 +107,7 @@ def test_the_command_measures_keeps_and_goes_on(make_bench: MakeBench, tmp_path:
     result = api.calibrate(bench.name, AXIS, run, options=YES)
     assert result.data["units"]["kp_nm_s_rad"]["unit"] == pytest.approx(0.37 * UNIT, rel=0.04)
     assert re.search(r"0\.3[678]\d? times what its profile has", "\n".join(result.text))
-    assert not calibration.store_of("cmmp-as").exists()  # a simulated drive tells nothing of a real one
+    assert not calibration._store_of("cmmp-as").exists()  # a simulated drive tells nothing of a real one
     assert bench.parameters() == bench.initial
     again = api.calibrate(bench.name, None, run, options=YES)  # in the same run; now held against the first
     assert again.data["units"]["kp_nm_s_rad"]["unit"] == pytest.approx(0.37 * UNIT, rel=0.04)
@@ -138,7 +138,7 @@ def test_a_drive_measured_before_is_held_against(tmp_path: Path, monkeypatch: py
     (remark,) = check(replace(other, rated_torque_nm=5.0), False, found)
     assert "with another motor" in remark
     assert check(replace(found, units={"kp_nm_s_rad": GainUnit(1.9e-4, 1e-6, UNIT, "60F9h:1")}), False, found) == []
-    calibration.store_of("cmmp-as").write_text("kind: [", encoding="utf-8")
+    calibration._store_of("cmmp-as").write_text("kind: [", encoding="utf-8")
     with pytest.raises(DataError):
         calibration.calibration_of("cmmp-as")
 

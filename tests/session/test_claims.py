@@ -10,7 +10,7 @@ import pytest
 from beltcomm.axis import load_axis
 from beltcomm.drive import open_drive
 from beltcomm.experiments.plan import commission_plan, identify_plan
-from beltcomm.experiments.sampling_limits import claimed_hz, expected_hz, note_after, notes_before, remark_after, torque_remark
+from beltcomm.experiments.sampling_limits import _claimed_hz, _expected_hz, _remark_after, _torque_remark, note_after, notes_before
 from identify.records import true_model
 from truth.rigs import nominal
 
@@ -18,18 +18,18 @@ AXIS = load_axis("egc-70-600")
 
 
 def test_the_limit_is_0_35_of_the_sampling_rate() -> None:
-    assert claimed_hz(1e-3) == pytest.approx(350.0)
-    assert claimed_hz(6.4e-3) == pytest.approx(54.7, abs=0.1)
+    assert _claimed_hz(1e-3) == pytest.approx(350.0)
+    assert _claimed_hz(6.4e-3) == pytest.approx(54.7, abs=0.1)
 
 
 def test_the_expected_resonance_holds_the_known_one() -> None:
     """By hand: ω² = k (1/m + r²/J).  The rigs' belts are 8 % softer than their data sheet says (A.4 and 106.25 kN), so 10 % are left."""
-    low, high = expected_hz(AXIS) or (0.0, 0.0)
+    low, high = _expected_hz(AXIS) or (0.0, 0.0)
     for rig in ("g_a", "g_b"):
         truth = nominal(rig).truth
         r, j, m, k = 0.01242, truth["inertia_kg_m2"], truth["mass_kg"], truth["stiffness_n_m"]
         assert 0.9 * low < math.sqrt(k * (1.0 / m + r * r / j)) / math.tau < 1.1 * high
-    assert expected_hz(replace(AXIS, belt=None)) is None
+    assert _expected_hz(replace(AXIS, belt=None)) is None
 
 
 @pytest.mark.parametrize(("options", "seen"), [({}, True), ({"bitrate": 125_000}, False), ({"sample_period": 0.008}, False)])
@@ -50,10 +50,10 @@ def test_the_plan_says_what_can_be_seen(options: dict[str, object], seen: bool) 
 def test_the_resonance_found_is_held_against_it() -> None:
     with open_drive("virtual:g_a", {"sample_period": 0.008}) as drive:
         slow = drive.capabilities
-    remark = remark_after(103.0, slow)
+    remark = _remark_after(103.0, slow)
     assert remark is not None
     assert "the resonance at 103 Hz is above 44 Hz, the most that this rate of sampling can measure" in remark
-    assert remark_after(40.0, slow) is None
+    assert _remark_after(40.0, slow) is None
     remarks = ["another", remark]
     note_after(remarks, true_model(nominal("g_a")), AXIS, slow, 0.25)
     assert remarks[0] == "another"
@@ -71,5 +71,5 @@ def test_the_unit_of_torque_is_judged_by_the_inertia(factor: float, doubt: str, 
         capabilities = replace(drive.capabilities, torque_scale=doubt)
     value = AXIS.motor_side_inertia_kg_m2 * factor
     item = replace(model.parameters["motor.inertia"], value=value, interval=0.01 * value)
-    found = torque_remark(replace(model, parameters={**model.parameters, "motor.inertia": item}), AXIS, capabilities)
+    found = _torque_remark(replace(model, parameters={**model.parameters, "motor.inertia": item}), AXIS, capabilities)
     assert (found is None) if said is None else (found is not None and said in found)

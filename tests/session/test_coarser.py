@@ -11,7 +11,7 @@ import pytest
 from beltcomm.given import pasted
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar
-from beltcomm.rundata.offline import coarser
+from beltcomm.rundata.offline import _coarser
 
 
 def turned(counts: int, speed_rad_s: float = 20.0) -> Recording:
@@ -25,12 +25,12 @@ def turned(counts: int, speed_rad_s: float = 20.0) -> Recording:
     ("recorded", "stated", "taken"), [(16384, 65536, 16384), (65536, 65536, 0), (65536, 16384, 0), (10000, 65536, 10000)]
 )
 def test_whole_steps_tell_the_counts(recorded: int, stated: int, taken: int) -> None:
-    assert coarser([turned(recorded)], stated) == taken
+    assert _coarser([turned(recorded)], stated) == taken
 
 
 def test_a_fast_motion_with_few_neighbours_says_nothing() -> None:
     fast = turned(65536, 4000.0)
-    assert coarser([replace(fast, position=fast.position[:400], t_s=fast.t_s[:400], torque=fast.torque[:400])], 65536) == 0
+    assert _coarser([replace(fast, position=fast.position[:400], t_s=fast.t_s[:400], torque=fast.torque[:400])], 65536) == 0
 
 
 def test_a_folder_that_begins_with_a_dash_is_no_option() -> None:

@@ -10,7 +10,7 @@ import pytest
 from beltcomm.axis import load_axis
 from beltcomm.control import Cascade
 from beltcomm.drive.parameters import parameters_to_cascade
-from beltcomm.fit.band_error import low_passed
+from beltcomm.fit.band_error import _low_passed
 from beltcomm.journal import events_of
 from beltcomm.laboratory.compare import compare
 from beltcomm.model import load_model
@@ -230,6 +230,6 @@ def test_what_is_drawn_of_a_record_is_the_error_that_is_told(complete: Complete)
     found = compare(opened.data, opened.fitted)
     for record in found.records:
         parts = [one for one in found.judged if one.piece.record == record.name]
-        passed = [low_passed(one.whole, one.piece.keep, record.plain.band_hz, one.piece.motion.sample_s) for one in parts]
+        passed = [_low_passed(one.whole, one.piece.keep, record.plain.band_hz, one.piece.motion.sample_s) for one in parts]
         drawn = math.sqrt(np.mean(np.concatenate([values[counts] for values, counts in passed]) ** 2))
         assert drawn == pytest.approx(record.plain.error, rel=0.03), record.name

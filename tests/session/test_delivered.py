@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from beltcomm.errors import DriveError, Refused
-from beltcomm.machine.delivered import check, delivered
+from beltcomm.machine.delivered import _delivered, check
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar
 
@@ -36,13 +36,13 @@ def record(setpoint: Array, made: Callable[[Array], Array], lost: slice | None =
 
 
 def test_what_was_asked_for_is_not_talked_about() -> None:
-    found = delivered(record(asked(), lambda u: u))
+    found = _delivered(record(asked(), lambda u: u))
     assert found is not None
     assert found.lag == 1
     assert found.share == pytest.approx(1.0, abs=0.01)
     assert found.sound
     assert check(record(asked(), lambda u: u, noise_nm=0.1)) == ""  # noise is no loss
-    assert delivered(record(np.full(N, 0.2), lambda u: u)) is None  # nothing was asked for that could be compared
+    assert _delivered(record(np.full(N, 0.2), lambda u: u)) is None  # nothing was asked for that could be compared
 
 
 def test_a_limit_in_the_drive() -> None:
@@ -52,7 +52,7 @@ def test_a_limit_in_the_drive() -> None:
 
 
 def test_a_limit_that_cuts_the_loudest_of_many_levels() -> None:
-    found = delivered(record(asked(9), lambda u: np.clip(u, 0.1 - 0.15, 0.1 + 0.15)))
+    found = _delivered(record(asked(9), lambda u: np.clip(u, 0.1 - 0.15, 0.1 + 0.15)))
     assert found is not None
     assert found.largest_nm / found.largest_asked_nm == pytest.approx(0.5, abs=0.02)
     assert not found.sound

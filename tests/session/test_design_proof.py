@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.special import stdtrit
 
 from beltcomm.configfiles import read_yaml, to_yaml, write_text
 from beltcomm.design.design_plant import DesignPlant
@@ -20,7 +21,7 @@ from beltcomm.errors import Refused, UsageError
 from beltcomm.model import Model, load_model
 from beltcomm.recording import Recording
 from beltcomm.rundata import design_proof
-from beltcomm.rundata.design_proof import SAME_SHARE, Grounds, on_draws
+from beltcomm.rundata.design_proof import SAME_SHARE, Grounds, _on_draws
 from beltcomm.rundata.offline import cascade_of
 from beltcomm.rundata.proof import doubts
 from beltcomm.rundata.store import cascade_from_dict, structure_from_dict
@@ -154,13 +155,13 @@ def test_draws_that_are_no_machine_are_left_out_and_said(
     cascade, delay_s = cascade_of(folder.load("designs", "final"), model, structure_from_dict(folder.load("results", "drive")))
     grounds = Grounds(model, (-0.01, 0.57), (0.0,), delay_s, None, 0.06, folder.load("results", "fit"), 65536)
     if proven:
-        spread, source = on_draws(grounds, cascade, 1e-3, 0)
+        spread, source = _on_draws(grounds, cascade, 1e-3, 0)
         left, whole = (int(word) for word in re.findall(r"of which (\d+) of (\d+) draws make no machine", source)[0])
         assert left == whole // every
         assert spread.draws == whole - left
     else:
         with pytest.raises(Refused, match="50% are needed to prove a design"):
-            on_draws(grounds, cascade, 1e-3, 0)
+            _on_draws(grounds, cascade, 1e-3, 0)
 
 
 def test_without_a_covariance_the_intervals_count(complete: Complete) -> None:
@@ -171,13 +172,13 @@ def test_without_a_covariance_the_intervals_count(complete: Complete) -> None:
     ratios = [
         model.parameters[n].interval / math.sqrt(fit["covariance"][i][i]) for i, n in enumerate(fit["free"]) if model.parameters[n].interval
     ]
-    assert max(ratios) < SAME_SHARE * min(ratios)  # how a fit is known to be that of a model
+    assert max(ratios) == pytest.approx(stdtrit(fit["freedom"], 0.975), rel=SAME_SHARE - 1.0)  # how a fit is known to be that of a model
     cascade, delay_s = cascade_of(saved, model, structure_from_dict(folder.load("results", "drive")))
     grounds = Grounds(model, (-0.01, 0.57), (0.0,), delay_s, None, 0.06, fit, 65536)
-    joint, _ = on_draws(grounds, cascade, 1e-3, 0)
-    apart, source = on_draws(replace(grounds, fit=None), cascade, 1e-3, 0)
-    again, _ = on_draws(grounds, cascade, 1e-3, 0)
-    other, _ = on_draws(grounds, cascade, 1e-3, 1)
+    joint, _ = _on_draws(grounds, cascade, 1e-3, 0)
+    apart, source = _on_draws(replace(grounds, fit=None), cascade, 1e-3, 0)
+    again, _ = _on_draws(grounds, cascade, 1e-3, 0)
+    other, _ = _on_draws(grounds, cascade, 1e-3, 1)
     assert source == "the model's intervals, taken as independent; the delay is assumed"
     np.testing.assert_array_equal(joint.sensitivity_db, again.sensitivity_db)
     assert not np.array_equal(joint.sensitivity_db, other.sensitivity_db)

@@ -50,7 +50,7 @@ def folder(tmp_path: Path) -> RunFolder:
 @pytest.mark.examination
 def test_the_gap_in_the_records_of_a_session_that_cannot_go_on_is_named(folder: RunFolder) -> None:
     folder.add_recording(excited("frf_1", 0.5, 2e-4, 2))
-    told = early_end.early_end(folder, SafetyStop("50 mm off its reference", "lag"), Silence())
+    told = early_end._early_end(folder, SafetyStop("50 mm off its reference", "lag"), Silence())
     assert told is not None
     assert told["named"][0] == "backlash"
     assert set(told["named"]) <= {"backlash", "cart_friction"}, "the rig has that, too"
@@ -64,11 +64,11 @@ def test_the_gap_in_the_records_of_a_session_that_cannot_go_on_is_named(folder: 
 def test_searched_once_per_set_of_records(folder: RunFolder, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
     monkeypatch.setattr(early_end, "_search", lambda *_: asked.append(1) or dict(FOUND))
-    ends = [early_end.early_end(folder, Refused("no"), Silence()) for _ in range(2)]
+    ends = [early_end._early_end(folder, Refused("no"), Silence()) for _ in range(2)]
     assert [end["repeated"] for end in ends if end is not None] == [False, True]
     assert asked == [1]
     folder.add_recording(excited("amplitude_2", 0.4, 2e-4, 2))
-    further = early_end.early_end(folder, Refused("no"), Silence())
+    further = early_end._early_end(folder, Refused("no"), Silence())
     assert further is not None
     assert not further["repeated"]
     assert asked == [1, 1]
@@ -80,7 +80,7 @@ def test_a_search_that_fails_hides_nothing(folder: RunFolder, monkeypatch: pytes
         raise trouble
 
     monkeypatch.setattr("beltcomm.jobs.effect_search.search_of", broken)
-    told = early_end.early_end(folder, Refused("no"), Silence())
+    told = early_end._early_end(folder, Refused("no"), Silence())
     assert told is not None
     assert str(told["found"]).startswith("cannot tell")
     assert told["command"] == f"beltcomm diagnose {folder.path}"
@@ -91,7 +91,7 @@ def test_whoever_does_not_wait_hears_why_the_session_ended(folder: RunFolder, mo
         raise KeyboardInterrupt
 
     monkeypatch.setattr(early_end, "_search", broken_off)
-    assert early_end.early_end(folder, Refused("no"), Silence()) is None
+    assert early_end._early_end(folder, Refused("no"), Silence()) is None
 
 
 @pytest.mark.parametrize(
@@ -151,7 +151,7 @@ def asked_of(monkeypatch: pytest.MonkeyPatch, moves_from_nm: float, share: float
     machine: Any = SimpleNamespace(envelope=lambda: here, folder=folder, wanderings=0, talk=talk)
     model: Any = None  # nobody asks it anything
     try:
-        execute_step.respond(machine, model, Step("response", share=1.0), "frf_2", 0.2, share)
+        execute_step._respond(machine, model, Step("response", share=1.0), "frf_2", 0.2, share)
     except NoMotion:
         tried.append(math.inf)
     return tried

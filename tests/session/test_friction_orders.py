@@ -18,7 +18,7 @@ from beltcomm.axis import load_axis
 from beltcomm.axis.entries import TrajectoryLimits, Travel
 from beltcomm.cli.main import cli
 from beltcomm.errors import DataError, Refused, UsageError
-from beltcomm.identify.standstill import standstill_of
+from beltcomm.identify.standstill import _standstill_of
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar
 from beltcomm.rundata import analyse
@@ -270,7 +270,7 @@ def test_a_record_in_motion_is_no_standstill(complete: Complete) -> None:
     response = analyse.responses(recordings)["frf_1"]
     fit = analyse.thesis_fit(response, model)
     with pytest.raises(DataError, match="in motion"):
-        standstill_of(ride, fit, model, analyse.friction_of(recordings))
+        _standstill_of(ride, fit, model, analyse.friction_of(recordings))
     assert friction.standstill_lines(None) == []
 
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
-from beltcomm import language
 from beltcomm.cli.main import cli
 
 #: Words that no German sentence has, and that no name, unit or file holds.
@@ -22,10 +21,8 @@ def english(output: str) -> list[str]:
 
 
 @pytest.fixture
-def in_german(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def in_german(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("BELTCOMM_LANG", "de")
-    yield
-    language.use("en")
 
 
 @pytest.mark.examination

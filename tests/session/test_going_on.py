@@ -17,9 +17,9 @@ from beltcomm import api
 from beltcomm.axis import load_axis
 from beltcomm.errors import SafetyStop
 from beltcomm.excitation.choice import AS_CHOSEN
-from beltcomm.experiments import commission, execute_step, recentre
+from beltcomm.experiments import commission, execute_step, recentre, recording_steps
 from beltcomm.experiments.options import claim
-from beltcomm.experiments.raising import as_made
+from beltcomm.experiments.raising import _as_made
 from beltcomm.experiments.recentre import bring_back, may_not_excite, stands_after
 from beltcomm.identify.amplitude import AmplitudeStep, Prediction
 from beltcomm.machine.machine import Machine
@@ -152,16 +152,16 @@ def test_the_third_stop_of_a_session_leaves_its_place_out_with_all_responses_aft
     monkeypatch.setattr(execute_step, "make", make)
     monkeypatch.setattr(execute_step, "course_of", lambda *_: SimpleNamespace(place_m=lambda step: step.place))
     monkeypatch.setattr(execute_step, "is_measured", lambda *_: False)
-    monkeypatch.setattr(commission.bounds, "has_room", lambda *_: True)
-    monkeypatch.setattr(commission.bounds, "seconds_of", lambda *_: 1.0)
-    monkeypatch.setattr(commission, "delay", lambda _findings: 0.0)
+    monkeypatch.setattr(recording_steps.bounds, "has_room", lambda *_: True)
+    monkeypatch.setattr(recording_steps.bounds, "seconds_of", lambda *_: 1.0)
+    monkeypatch.setattr(recording_steps, "delay", lambda _findings: 0.0)
     machine: Any = Standing(*[0.27] * 6)
     machine.begin, machine.stroking, machine.axis = (lambda _title: None), (lambda: "position"), SimpleNamespace(torque_limit_nm=1.0)
     machine.folder.finished_names = list
     machine.wanderings = before
     findings: Any = SimpleNamespace(remarks=[], calibrating_s=0.0, excited=None, final=None)
     model: Any = None
-    commission.record_steps(machine, findings, model, model, "standard")
+    recording_steps.record_steps(machine, findings, model, model, "standard")
     assert made.count("frf_2") == tries
     assert machine.wanderings == 3
     assert not [name for name in made if name.startswith("frf_") and name != "frf_2"]
@@ -208,7 +208,7 @@ def test_a_first_response_that_wanders_is_made_again_with_less_torque(
     machine.excitation, machine.axis, machine.wanderings = "prbs", SimpleNamespace(torque_limit_nm=2.0), before
     ends = reason != "position" or before + stops >= recentre.MOST_STOPS
     with pytest.raises(SafetyStop) if ends else nullcontext():
-        commission.first_response(machine, findings, excited, 5.0)
+        commission._first_response(machine, findings, excited, 5.0)
     assert made == amplitudes_nm
     assert len(findings.remarks) == len(amplitudes_nm) - 1
     if findings.remarks:
@@ -223,7 +223,7 @@ def test_after_a_stop_there_is_no_other_sequence_that_is_louder(monkeypatch: pyt
     folder = SimpleNamespace(finished=lambda _name: None)
     machine: Any = SimpleNamespace(envelope=lambda: SimpleNamespace(window_m=(0.0, 1.0)), folder=folder, wanderings=wanderings)
     model: Any = None  # nobody asks it anything
-    execute_step.respond(machine, model, Step("response", place=0.5, share=1.0), "frf_2", 0.4, 0.7)
+    execute_step._respond(machine, model, Step("response", place=0.5, share=1.0), "frf_2", 0.4, 0.7)
     assert asked == {"amplitude_nm": 0.4, "share": 0.7, "held_out": False, "loud": loud, "up_to_hz": 0.0, "above_nm": 0.0}
 
 
@@ -284,6 +284,6 @@ def test_a_kept_record_is_judged_by_the_amplitude_of_its_sidecar(own_nm: float, 
     """A quiet record of the first session, in which the motor hardly moved, is not taken for one as loud as is allowed today."""
     planned = AmplitudeStep(0.18, Prediction(0.01, 60.0, 0.2, 0.3, 0.01), "belt force")
     record = SimpleNamespace(sidecar=Sidecar("frf", excitation=ExcitationNote("prbs", own_nm)))
-    found = as_made(planned, record)  # type: ignore[arg-type]
+    found = _as_made(planned, record)  # type: ignore[arg-type]
     assert (found.amplitude_nm, found.binds) == (own_nm, binds)
-    assert as_made(planned, SimpleNamespace(sidecar=Sidecar("frf"))) is planned  # type: ignore[arg-type]
+    assert _as_made(planned, SimpleNamespace(sidecar=Sidecar("frf"))) is planned  # type: ignore[arg-type]

@@ -16,7 +16,7 @@ from beltcomm.experiments.agreement import agree, plan_result
 from beltcomm.experiments.options import Options
 from beltcomm.experiments.plan import Plan, commission_plan, identify_plan, move_plan
 from beltcomm.machine.heat import HeatStore, Thermal, heat_plan, path_rms_nm
-from beltcomm.plant.drive_section import IDEAL
+from beltcomm.plant import IDEAL
 from beltcomm.talk import Silence
 from beltcomm.trajectory import Trajectory
 from beltcomm.virtual.faults import Faults

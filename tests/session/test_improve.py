@@ -10,7 +10,7 @@ import pytest
 
 from beltcomm import api
 from beltcomm.errors import Declined
-from beltcomm.improve import _errors, _ratios, improve
+from beltcomm.improve import _errors, _nothing, _ratios, improve
 from beltcomm.result import Result
 from beltcomm.rundata.revisions import Revision, as_mapping
 from beltcomm.talk import Silence
@@ -46,6 +46,26 @@ def test_the_error_before_is_that_of_the_model_it_stands_on() -> None:
     assert _ratios(made, rungs) == (1.96, 1.0)
     assert _ratios(made[1:], rungs) == (1.96, 1.0)
     assert _ratios(made[2:], rungs) == (1.4, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "gain", "said", "command"),
+    [
+        ("explained", None, "no held-out record confirms it", "beltcomm add stribeck run"),
+        ("explained", -3.0, "held-out records do not confirm it", "beltcomm add stribeck run"),
+        ("cannot tell", 5.0, "these records cannot tell it from another effect", "beltcomm compare run"),
+    ],
+)
+def test_what_is_named_and_not_added_has_its_reason_and_a_next_step(verdict: str, gain: float | None, said: str, command: str) -> None:
+    """A screen that says no more than "not sure enough" leaves a person where he was: diagnosis says FOUND on the same records."""
+    data = {"verdict": verdict, "ranking": [{"effect": "stribeck", "held_out_gain": gain}, {"effect": "cogging", "held_out_gain": 1.0}]}
+    result = _nothing(Path("run"), data, Result({}, []), ["stribeck"])
+    lines = [str(line) for line in result.text]
+    assert [line.split(":")[1].strip() for line in lines if "NOT ADDED" in line] == [said]
+    assert lines[-1].strip() == command, "alone on its line"
+    assert ("would judge it" in "".join(lines)) == (gain is None)
+    assert max(map(len, lines)) <= 80
+    assert result.exit_code == 1
 
 
 def test_without_a_move_afterwards_both_are_predicted() -> None:

@@ -12,8 +12,8 @@ import pytest
 
 from beltcomm.axis import load_axis
 from beltcomm.jobs import rungs
-from beltcomm.jobs.change import named_beside
-from beltcomm.jobs.laboratory import climb
+from beltcomm.jobs.change import _named_beside
+from beltcomm.jobs.laboratory import _climb
 from beltcomm.laboratory import acceptance
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.model import load_plant
@@ -137,7 +137,7 @@ def test_a_climb_without_a_step_leaves_the_run_as_it_is(tmp_path: Path) -> None:
     folder = RunFolder.create(tmp_path / "run", load_axis("egc-70-600"))
     folder.save("models", "final", load_plant("g_a").model.to_dict())
     found: Any = SimpleNamespace(published_base=(None, None), steps=(SimpleNamespace(added="", removed=(), forms=()),))
-    assert climb(folder, found, True, "", "") == []
+    assert _climb(folder, found, True, "", "") == []
     assert folder.names("models") == ["final"]
 
 
@@ -152,7 +152,7 @@ def test_what_stands_on_a_rung_that_is_not_confirmed_is_held_against_the_one_bel
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(rungs, "with_intervals", lambda fitted: fitted.model)
         patch.setattr(rungs, "of_run", lambda *_: (None, None))
-        patch.setattr(rungs, "shared_band", lambda *_: 60.0)
+        patch.setattr(rungs, "band_of", lambda *_: 60.0)
         patch.setattr(rungs, "keep_fit", lambda *_: None)
         patch.setattr(acceptance, "changes", lambda *_: ((-1.0, 0.0), (-1.0, 0.0)))
         assert rungs.revision_of(folder, (nothing, after), (nothing, before), "+warmup", "", "").confirmed is confirmed
@@ -165,4 +165,4 @@ def test_what_stands_on_a_rung_that_is_not_confirmed_is_held_against_the_one_bel
 def test_effects_that_a_diagnosis_names_beside_one_that_was_added(tmp_path: Path, kept: dict[str, Any], beside: list[str]) -> None:
     folder, model = RunFolder.create(tmp_path / "run", load_axis("egc-70-600")), load_plant("g_a").model
     folder.save("results", "diagnosis", kept)
-    assert named_beside(folder, model.with_effect("cogging")) == beside
+    assert _named_beside(folder, model.with_effect("cogging")) == beside

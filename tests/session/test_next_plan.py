@@ -28,7 +28,7 @@ from beltcomm.rundata.proof import doubts
 from beltcomm.rundata.revisions import new_revision, trusted_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule import record_schedule
-from beltcomm.schedule.next_plan import discriminating_experiment, load_plan, plan_apart, plan_for
+from beltcomm.schedule.next_plan import _discriminating_experiment, _plan_apart, load_plan, plan_for
 from beltcomm.schedule.record_schedule import Extent
 from beltcomm.schedule.steps import PLACES, Step
 from fuzz.parsers import DESIGN
@@ -60,10 +60,10 @@ def test_twins_get_the_experiment_that_separates_them_and_not_what_shows_each() 
 def test_every_pair_of_twins_has_an_experiment() -> None:
     for effect in EFFECTS:
         for twin in effect.twins:
-            between = discriminating_experiment(effect.name, twin) if twin not in effect.apart else effect.apart[twin]
+            between = _discriminating_experiment(effect.name, twin) if twin not in effect.apart else effect.apart[twin]
             assert between.records or between.hands, (effect.name, twin)
             if twin in {e.name for e in EFFECTS}:
-                plan_apart((effect.name, twin), lambda _: "")  # its records are steps that a drive knows
+                _plan_apart((effect.name, twin), lambda _: "")  # its records are steps that a drive knows
 
 
 def test_a_record_that_shows_as_much_is_left_out_and_said() -> None:

@@ -102,7 +102,7 @@ def test_presets_set_the_sliders(browser: Browser) -> None:
         browser.settled()
         assert not browser.at("refusal").is_displayed()
         bandwidths.append(
-            next(float(row.split(" ")[3]) for row in browser.text("changes").splitlines() if row.startswith("position bandwidth"))
+            next(float(row.split(" ")[5]) for row in browser.text("changes").splitlines() if row.startswith("position bandwidth at rest"))
         )
     assert bandwidths == sorted(set(bandwidths))
     assert browser.at("preset-stiff-robust").text == "not possible"

@@ -57,3 +57,22 @@ def test_a_file_that_a_virtual_drive_contradicts_is_refused_with_the_way_to_its_
     done = CliRunner().invoke(cli, ["commission", "--drive", "virtual", "--axis", str(own), "--run", str(own.parent / "run"), "--yes"])
     assert done.exit_code == 2, done.output
     assert "--drive virtual:AXIS.yaml" in done.output
+
+
+@pytest.mark.parametrize("language", ["", "de"])
+def test_doctor_says_how_the_axis_of_the_file_is_simulated(own: Path, language: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of one command that is named, the next one finds nothing that differs."""
+    monkeypatch.setenv("BELTCOMM_LANG", language)
+    found = CliRunner().invoke(cli, ["doctor", "--drive", "virtual", "--axis", str(own)])
+    assert found.exit_code == 1
+    assert f"`--drive virtual:{own}` {'simuliert' if language else 'simulates'}" in found.stdout
+    assert "maker's tool" not in found.stdout
+    command = next(line for line in found.stdout.splitlines() if line.startswith(f"    beltcomm doctor --drive virtual:{own}"))
+    again = CliRunner().invoke(cli, command.split()[1:])
+    assert again.exit_code == 0, again.stdout
+    assert "virtual:" not in "".join(line for line in again.stdout.splitlines() if "->" in line)
+
+
+def test_a_shipped_axis_on_another_virtual_machine_is_told_the_way_by_its_word() -> None:
+    found = CliRunner().invoke(cli, ["doctor", "--drive", "virtual", "--axis", "ball-screw"])
+    assert "`--drive virtual:AXIS.yaml` simulates" in found.stdout

@@ -17,7 +17,7 @@ from beltcomm.experiments.options import Options
 from beltcomm.experiments.plan import Experiment, Plan, commission_plan, move_plan
 from beltcomm.experiments.plan_screen import plan_screen
 from beltcomm.experiments.plan_words import commission_points
-from beltcomm.jobs.axis_findings import compared
+from beltcomm.jobs.doctor import _compared
 from beltcomm.machine.ratings import check_ratings, counts_rating
 
 RIG = load_axis("egc-70-600")
@@ -72,7 +72,7 @@ def test_doctor_plan_and_commissioning_say_one_thing_of_the_encoder() -> None:
     assert shown.exit_code == 1
     assert f"This plan will be refused: {refused.value}." in shown.text
     (found,) = [
-        one for one in compared([Finding("drive", "encoder", "ok", "", values={"counts_per_rev": 65536})], axis) if one.name == "encoder"
+        one for one in _compared([Finding("drive", "encoder", "ok", "", values={"counts_per_rev": 65536})], axis) if one.name == "encoder"
     ]
     assert (found.state, found.remedy) == ("wrong", counts_rating(axis, 65536).remedy)
     assert found.remedy in str(refused.value)
@@ -93,6 +93,6 @@ def test_a_move_that_proves_gains_is_told_by_its_ends_and_its_stop_apart_from_th
     with open_drive("virtual:g_a", {"seed": 1}) as drive:
         text = "\n".join(plan_screen(plan, RIG, drive.capabilities))
     assert "0 ... 547 mm on the axis" in text
-    assert "a stop up to 108 N beside friction" in text
+    assert "stop 108 N + friction" in text
     assert "up to 88.7 N" in text
     assert "where it stands" not in text

@@ -17,12 +17,12 @@ from beltcomm.excitation import choose_prbs, prbs
 from beltcomm.experiments import detectability, phases
 from beltcomm.experiments import detectability as foresight
 from beltcomm.experiments.bounds import bounds_of, course_before
-from beltcomm.experiments.detectability import Detectability, foresee, lines_of
-from beltcomm.experiments.execute_step import at_place, holding_at, quieter
+from beltcomm.experiments.detectability import Detectability, _foresee, _lines_of
+from beltcomm.experiments.execute_step import _at_place, _holding_at, quieter
 from beltcomm.experiments.options import Options
 from beltcomm.experiments.paths import path_of, start_of
 from beltcomm.experiments.plan import Plan, commission_plan
-from beltcomm.experiments.raising import believable
+from beltcomm.experiments.raising import _believable
 from beltcomm.fit.start.first_estimate import data_sheet_model
 from beltcomm.recording import Recording
 from beltcomm.rundata import analyse
@@ -143,12 +143,12 @@ def test_what_holds_the_axis_is_half_the_difference_of_both_breakaways() -> None
 
 
 def test_what_the_records_could_name_is_said_beforehand(capabilities: Capabilities) -> None:
-    found = foresee(AXIS, capabilities, "quick")
+    found = _foresee(AXIS, capabilities, "quick")
     entries = {entry["effect"]: entry for entry in found.to_dict()["effects"]}
     assert entries["stribeck"]["seen"]
     assert 0.0 < entries["stribeck"]["weakest"] < 0.02
     assert not entries["belt_slack"]["seen"], "100 N of belt force cannot make a belt slack"
-    whole, brief = ("\n".join(lines_of(found.to_dict(), whole)) for whole in (True, False))
+    whole, brief = ("\n".join(_lines_of(found.to_dict(), whole)) for whole in (True, False))
     assert len(whole.splitlines()) - 2 == sum(entry["seen"] for entry in entries.values())
     assert len(brief.splitlines()) < 0.6 * len(whole.splitlines())
     assert all(f"{name} " in brief for name in entries)
@@ -163,8 +163,8 @@ def test_a_first_estimate_stays_within_what_can_be() -> None:
     """Inside a gap the motor feels a feather on a rod; as soon as the gap is crossed, ten kilograms."""
     sheet = data_sheet_model(AXIS, 0.25, 0.1)
     usual = sheet.with_values({"cart.mass": 5.0})
-    assert believable(usual, sheet, 0.3) is usual
-    bounded = believable(sheet.with_values({"cart.mass": 0.09, "belt_stiffness.stiffness": 5.5e6}), sheet, 0.3)
+    assert _believable(usual, sheet, 0.3) is usual
+    bounded = _believable(sheet.with_values({"cart.mass": 0.09, "belt_stiffness.stiffness": 5.5e6}), sheet, 0.3)
     assert bounded["cart.mass"] == 0.3
     assert bounded["belt_stiffness.stiffness"] == pytest.approx(4.0 * sheet["belt_stiffness.stiffness"])
 
@@ -187,7 +187,7 @@ def test_what_holds_the_carriage_is_read_off_the_strokes() -> None:
     friction = 0.1 * np.sign(speed) + 2e-3 * speed + noise
     for load in (0.02 + 0.1 * 0.01242 * angle, np.zeros(len(speed))):
         columns = {"torque": friction + load, "position": angle, "reference_velocity": speed}
-        held = [holding_at(Recording("sweep", 1e-3 * np.arange(len(speed)), **columns), 0.01242, x) for x in (0.1, 0.4)]
+        held = [_holding_at(Recording("sweep", 1e-3 * np.arange(len(speed)), **columns), 0.01242, x) for x in (0.1, 0.4)]
         assert held == pytest.approx([0.03, 0.06] if load.any() else [0.0, 0.0], abs=1e-3)
 
 
@@ -212,7 +212,7 @@ def test_the_default_plan_says_what_its_records_could_name_and_keeps_it(
 ) -> None:
     monkeypatch.setattr(detectability, "user_cache_path", lambda _: tmp_path)
     found = Counted()
-    monkeypatch.setattr(foresight, "foresee", found)
+    monkeypatch.setattr(foresight, "_foresee", found)
     bare = Plan("", (), notes=("first",))
     told = [foresight.with_detectability(bare, AXIS, capabilities, Options()) for _ in range(2)]
     assert found.times == 1, "the second time it is read from the cache"
@@ -246,10 +246,10 @@ def test_a_response_is_planned_with_the_stiffness_that_the_belt_has_at_its_place
     assert found_m is not None
     model = data_sheet_model(AXIS, found_m, 0.1).with_values({"belt_stiffness.stiffness": 2e5})
     shares = [1.0 / (0.05 + x) + 1.0 / (1.58 - 0.05 - x) for x in (0.02, found_m)]
-    assert at_place(machine, model)["belt_stiffness.stiffness"] == pytest.approx(2e5 * shares[0] / shares[1])
+    assert _at_place(machine, model)["belt_stiffness.stiffness"] == pytest.approx(2e5 * shares[0] / shares[1])
     machine.axis = replace(AXIS, travel=replace(AXIS.travel, driven_side_offset_m=0.0))
-    assert at_place(machine, model) == model
+    assert _at_place(machine, model) == model
     machine.axis, machine.position_m = AXIS, found_m
-    assert at_place(machine, model) == model
+    assert _at_place(machine, model) == model
     machine.position_m, machine.place_m = -0.05, lambda _: None  # from where it began, which nobody knows
-    assert at_place(machine, model) == model
+    assert _at_place(machine, model) == model

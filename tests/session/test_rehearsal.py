@@ -16,7 +16,7 @@ from beltcomm.drive import open_drive
 from beltcomm.errors import Refused, UsageError
 from beltcomm.experiments import rehearsal
 from beltcomm.experiments.options import Options
-from beltcomm.experiments.rehearsal import Bounds, RehearsedRecord, play_record, twin_of
+from beltcomm.experiments.rehearsal import Bounds, RehearsedRecord, _play_record, _twin_of
 from beltcomm.model import load_plant
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar
@@ -46,7 +46,7 @@ def test_a_record_is_measured_by_hand() -> None:
     t_s = 1e-3 * np.arange(2001)
     angle = 10.0 * np.minimum(t_s, 1.0)
     torque = np.where(t_s < 1.5, 0.5, 0.4)
-    found = play_record(Recording("r", t_s, torque, angle, sidecar=Sidecar("trajectory", 0.1)), RIG, 0.0)
+    found = _play_record(Recording("r", t_s, torque, angle, sidecar=Sidecar("trajectory", 0.1)), RIG, 0.0)
     assert (found.low_m, found.high_m) == pytest.approx((0.1, 0.1 + 10.0 * 0.01242))
     assert found.speed_m_s == pytest.approx(0.1242)
     assert found.torque_nm == 0.5
@@ -74,7 +74,7 @@ def test_the_verifying_move_is_played_first_and_then_driven(beside: MakeBench, c
     saved = RunFolder.open(run).load("results", "rehearsal")
     (twin,) = saved["records"]
     move = RunFolder.open(run).recording("move_2")
-    real = play_record(move, RIG, 0.0)
+    real = _play_record(move, RIG, 0.0)
     assert twin["record"] == "move_2"
     assert twin["high_m"] == pytest.approx(real.high_m, abs=1e-3)
     assert twin["speed_m_s"] == pytest.approx(real.speed_m_s, rel=0.05)
@@ -89,7 +89,7 @@ def test_a_twin_that_leaves_a_limit_keeps_the_axis_at_rest(
     beside: MakeBench, copy_of_complete: Copy, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run, bench = copy_of_complete(), beside(start_m=0.2)
-    monkeypatch.setattr(rehearsal, "bounds_of", lambda *_args: Bounds(-0.01, 0.57, 0.5, 3.4, 135.0))
+    monkeypatch.setattr(rehearsal, "_bounds_of", lambda *_args: Bounds(-0.01, 0.57, 0.5, 3.4, 135.0))
     before = RunFolder.open(run).finished_names()
     with pytest.raises(Refused, match=r"on the twin a limit is left \(move_2: speed 1\.\d+ m/s, limit 0\.5 m/s.*nothing was moved"):
         api.verify(bench.name, run, options=Options(yes=True, seed=1, simulate_first=True))
@@ -114,9 +114,9 @@ def test_a_creep_has_no_twin(make_bench: MakeBench) -> None:
 
 
 def test_without_a_model_the_twin_is_a_guess_that_says_so(tmp_path: Path) -> None:
-    model, words = twin_of(RIG, RunFolder.create(tmp_path / "run", RIG))
+    model, words = _twin_of(RIG, RunFolder.create(tmp_path / "run", RIG))
     assert model["cart.mass"] == 2.0
     assert "a guess from the data sheets, a carriage of 2 kg" in words
     upright = load_axis("egc-70-600-vertical")
-    tilted, _ = twin_of(upright, RunFolder.create(tmp_path / "upright", upright))
+    tilted, _ = _twin_of(upright, RunFolder.create(tmp_path / "upright", upright))
     assert tilted["tilt.angle"] == pytest.approx(load_plant("g_b_vertical").model["tilt.angle"])

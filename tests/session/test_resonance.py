@@ -14,9 +14,9 @@ from beltcomm.axis import load_axis
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.errors import SafetyStop
 from beltcomm.experiments import phases
-from beltcomm.machine import closed_loop_watch, resonance
+from beltcomm.machine import closed_loop_watch
+from beltcomm.machine.closed_loop_watch import ResonanceWatch, Swing, _amplitude_nm, _band_of
 from beltcomm.machine.machine import Machine
-from beltcomm.machine.resonance import ResonanceWatch, Swing, amplitude_nm, band_of
 from beltcomm.rundata import analyse
 from beltcomm.runfolder import RunFolder
 from beltcomm.talk import Silence
@@ -40,7 +40,7 @@ def rows_of(torque: np.ndarray) -> list[tuple[float, ...]]:
 def test_the_amplitude_of_a_sine_inside_and_outside_the_band(hertz: float, share: float) -> None:
     """A cos wt has the amplitude A in a band around it; a Butterworth of second order lets (f/40 Hz)^2 = 1.6 % of 5 Hz through."""
     t = T * np.arange(1000)
-    found = amplitude_nm(0.3 * np.sin(2.0 * math.pi * hertz * t), T, BAND)[500:]
+    found = _amplitude_nm(0.3 * np.sin(2.0 * math.pi * hertz * t), T, BAND)[500:]
     assert found.max() <= 0.3 * share * 1.06
     if share == 1.0:
         assert found.min() >= 0.3 * 0.94
@@ -51,7 +51,7 @@ def test_row_by_row_is_the_same_as_at_once_and_the_stop_names_amplitude_and_freq
     t = T * np.arange(600)
     growing = np.where(t > 0.3, 0.1 * np.exp((t - 0.4) / 0.05), 0.0)
     torque = 0.4 + 0.01 * random.standard_normal(600) + growing * np.sin(2.0 * math.pi * 90.0 * t)
-    at_once = amplitude_nm(torque, T, BAND)
+    at_once = _amplitude_nm(torque, T, BAND)
     first = int(np.flatnonzero(at_once > 0.05)[0])
     watch = ResonanceWatch(Swing(BAND, 0.05, 0.01), T)
     rows = rows_of(torque)
@@ -67,10 +67,10 @@ def test_the_band_holds_the_resonance_and_fits_the_sampling(rig: str) -> None:
     model = true_model(nominal(rig))
     mass, inertia, stiffness = model["cart.mass"], model["motor.inertia"], model["belt_stiffness.stiffness"]
     free = math.sqrt(stiffness * (1.0 / mass + 0.01242**2 / inertia)) / (2.0 * math.pi)
-    low, high = band_of(model, (0.0, 0.5), T)
-    assert low == pytest.approx(resonance.BELOW * free, rel=1e-3)
+    low, high = _band_of(model, (0.0, 0.5), T)
+    assert low == pytest.approx(closed_loop_watch.BELOW * free, rel=1e-3)
     assert high == 450.0
-    assert band_of(model, (0.0, 0.5), 6.4e-3) == pytest.approx((0.2 / 6.4e-3, 0.45 / 6.4e-3))  # a drive of 156 Hz sees what it can
+    assert _band_of(model, (0.0, 0.5), 6.4e-3) == pytest.approx((0.2 / 6.4e-3, 0.45 / 6.4e-3))  # a drive of 156 Hz sees what it can
 
 
 #: What commissioning gives a cmmp-as on rig g_a, without feedforward or prefilter.
@@ -116,7 +116,7 @@ def travelled(make_bench: MakeBench, tmp_path: Path) -> Callable[..., Tried]:
             motion = machine.follow(with_dwell(path, 0.3), kind)  # type: ignore[arg-type]
             assert machine.cascade is not None
             in_drive = Loop(own.structure, T, own.peak_torque_nm, own.counts_per_rev)
-            planned = resonance.predicted_torque(model, machine.cascade, motion, in_drive, machine.ratio, machine.origin_rad)
+            planned = closed_loop_watch._predicted_torque(model, machine.cascade, motion, in_drive, machine.ratio, machine.origin_rad)
             stopping = machine.deceleration_m_s2 * (model["motor.inertia"] / machine.ratio + machine.ratio * model["cart.mass"])
             begun = len(bench.plant.torque_nm)
             try:

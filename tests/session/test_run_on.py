@@ -14,7 +14,7 @@ from beltcomm import api
 from beltcomm.axis import load_axis
 from beltcomm.drive import Limits, Row
 from beltcomm.errors import DriveError, DriveFault, Refused, SafetyStop
-from beltcomm.identify.amplitude import DIES, MotionLimits, family_around, largest_amplitude, predict
+from beltcomm.identify.amplitude import DIES, MotionLimits, _predict, family_around, largest_amplitude
 from beltcomm.machine import creep, host_loss
 from beltcomm.machine.host_loss import guard_times_s
 from beltcomm.machine.machine import Machine
@@ -125,7 +125,7 @@ def test_a_computer_that_dies_in_an_excitation(make_bench: MakeBench, tmp_path: 
         drive.write({"kp_nm_s_rad": 0.0088, "ki_nm_rad": 0.17})
         losses = host_loss.losses_of(machine)
         shape = np.repeat(np.random.default_rng(5).choice([-1.0, 1.0], 40), 20) * 0.25
-        predicted = predict(family_around(model), shape, T, 0.25, losses=losses)
+        predicted = _predict(family_around(model), shape, T, 0.25, losses=losses)
         watch = host_loss.RunOnWatch((0.0, 0.5), RATIO, machine.origin_rad, family_around(model), 0.25, lambda m: losses(m)[0], 3.0)
         seen: list[tuple[float, float]] = []
 

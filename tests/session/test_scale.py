@@ -18,12 +18,12 @@ from beltcomm.axis import Axis, load_axis
 from beltcomm.cli.main import cli
 from beltcomm.drive import Capabilities, Drive, Limits, Motion, open_drive
 from beltcomm.errors import Refused, UsageError
-from beltcomm.experiments import commission
 from beltcomm.experiments.detectability import sheet_model
 from beltcomm.fit.start.first_estimate import data_sheet_model
+from beltcomm.identify import final
 from beltcomm.machine.machine import Machine
 from beltcomm.machine.ratings import check_ratings
-from beltcomm.machine.scale import OF_THE_SHEETS, STIFFNESS, check_first, check_fitted, feed_constant_in_doubt, jumping_inertia, ruler
+from beltcomm.machine.scale import OF_THE_SHEETS, STIFFNESS, _feed_constant_in_doubt, _jumping_inertia, check_first, check_fitted, ruler
 from beltcomm.recording import Recording
 from session.bench import Bench, Listener
 from truth.hidden import draw
@@ -119,10 +119,10 @@ def test_a_feed_constant_that_is_wrong_by_two_shows_in_the_stiffness(share: floa
     """c ~ 1/k² of the feed constant; the sheet's belt at 0.25 m, seen four times as stiff, or as soft."""
     model = sheet_model(RIG)
     true = RIG.belt_stiffness_n_m(0.25)
-    words = feed_constant_in_doubt(RIG, model.with_values({STIFFNESS: share * true}), 0.25)
+    words = _feed_constant_in_doubt(RIG, model.with_values({STIFFNESS: share * true}), 0.25)
     assert f"with {turn_mm} mm per turn of the motor instead of 78 mm it would fit" in words
-    assert feed_constant_in_doubt(RIG, model.with_values({STIFFNESS: 0.65 * true}), 0.25) == ""  # the thesis's own belt
-    assert feed_constant_in_doubt(RIG, model.with_values({STIFFNESS: share * true}), None) == ""
+    assert _feed_constant_in_doubt(RIG, model.with_values({STIFFNESS: 0.65 * true}), 0.25) == ""  # the thesis's own belt
+    assert _feed_constant_in_doubt(RIG, model.with_values({STIFFNESS: share * true}), None) == ""
 
 
 def test_a_ruler_tells_the_feed_constant() -> None:
@@ -225,11 +225,11 @@ def gapped() -> HiddenPlant:
 
 
 def test_steps_of_the_torque_show_the_inertia_behind_a_gap_as_well() -> None:
-    share = {torque: jumping_inertia(stepped(gapped(), 0.3, torque)) / RIG.motor_side_inertia_kg_m2 for torque in (1.0, 2.0)}
+    share = {torque: _jumping_inertia(stepped(gapped(), 0.3, torque)) / RIG.motor_side_inertia_kg_m2 for torque in (1.0, 2.0)}
     assert share[1.0] == pytest.approx(1.0, abs=0.15)
     assert share[2.0] == pytest.approx(0.5, abs=0.08)
-    assert jumping_inertia(stepped(nominal("g_a"), 0.3)) / RIG.motor_side_inertia_kg_m2 == pytest.approx(1.0, abs=0.15)
-    assert math.isnan(jumping_inertia(stepped(nominal("g_a"), 0.3, torque=-1.0)))  # no inertia is negative
+    assert _jumping_inertia(stepped(nominal("g_a"), 0.3)) / RIG.motor_side_inertia_kg_m2 == pytest.approx(1.0, abs=0.15)
+    assert math.isnan(_jumping_inertia(stepped(nominal("g_a"), 0.3, torque=-1.0)))  # no inertia is negative
 
 
 def test_an_estimate_that_a_gap_made_light_does_not_end_the_session_and_a_wrong_scale_does() -> None:
@@ -317,12 +317,12 @@ def test_a_fit_that_went_astray_is_begun_anew_from_its_records(monkeypatch: pyte
     made = {name: SimpleNamespace(fit=SimpleNamespace(suspect=name == "astray")) for name in ("astray", "right")}
     begun: list[str] = []
 
-    def final_model(_records: Any, _axis: Any, _counts: int, **start: Any) -> Any:
-        begun.append("with a start" if start else "without")
+    def final_model(_records: Any, _axis: Any, _counts: int, start: Any = None) -> Any:
+        begun.append("without" if start is None else "with a start")
         return made["right"]
 
-    monkeypatch.setattr(commission, "final_model", final_model)
-    assert commission.from_records_alone(cast("Any", made["astray"]), [], RIG, 65536) is made["right"]
+    monkeypatch.setattr(final, "final_model", final_model)
+    assert final.from_records_alone(cast("Any", made["astray"]), [], RIG, 65536) is made["right"]
     made["right"].fit.suspect = True
-    assert commission.from_records_alone(cast("Any", made["astray"]), [], RIG, 65536) is made["astray"]
+    assert final.from_records_alone(cast("Any", made["astray"]), [], RIG, 65536) is made["astray"]
     assert begun == ["without", "without"]

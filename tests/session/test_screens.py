@@ -22,8 +22,9 @@ from beltcomm.errors import SafetyStop
 from beltcomm.experiments.plan import commission_plan, identify_plan
 from beltcomm.experiments.plan_screen import plan_screen
 from beltcomm.machine.heat import Thermal
+from beltcomm.result import plain
 from beltcomm.rundata.headline import headline_of
-from beltcomm.rundata.store import cascade_from_dict, verdict_to_dict
+from beltcomm.rundata.store import cascade_from_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import outcome, screens
 from beltcomm.talk import CarriagePosition, Gauge
@@ -67,6 +68,19 @@ def test_the_plan_is_a_screen_with_its_question(name: str, profile: str, monkeyp
                 assert word in text
 
 
+@pytest.mark.parametrize("name", config_names("axes"))
+def test_screen_and_details_of_a_plan_have_one_belt_force(name: str) -> None:
+    axis = load_axis(name)
+    with open_drive("virtual:g_a", {"seed": 1}) as drive:
+        plan = commission_plan(axis, drive.capabilities)
+        screen, details = "\n".join(map(str, plan_screen(plan, axis, drive.capabilities))), "\n".join(map(str, plan.lines()))
+    (up_to,) = re.findall(r"belt force +up to ([\d.]+) N", screen) or [""]
+    assert re.findall(r"([\d.]+) N in the belt", details)[:1] == [up_to]
+    assert f"{up_to} N" in details.replace(f"{up_to} N in the belt", "", 1), "the row of the experiment that loads it most"
+    limit = re.findall(r"belt force .*(?:axis|pulley) limit ([\d.]+) N", screen)
+    assert float(up_to) <= float(limit[0])
+
+
 @pytest.mark.parametrize("columns", [100, 80, 40])
 def test_the_live_display_is_a_screen(columns: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """With everything that can be told at once."""
@@ -107,8 +121,7 @@ def test_everything_that_can_be_sent_along_fits_a_line(complete: Complete, spoke
     """An offset beside inertia, friction and velocity ran over the edge."""
     cascade = cascade_from_dict(complete.folder.load("designs", "final"))
     language.use(spoken)
-    lines = screens.gain_lines(replace(cascade, feedforward=replace(cascade.feedforward, offset_nm=0.02, velocity=1.0)))
-    language.use("en")
+    lines = screens._gain_lines(replace(cascade, feedforward=replace(cascade.feedforward, offset_nm=0.02, velocity=1.0)))
     assert max(map(len, lines)) <= WIDE
 
 
@@ -124,7 +137,7 @@ def test_a_failed_run_with_many_remarks_is_a_screen(complete: Complete, tmp_path
     verdict = complete.result.data["verdict"]
     verdict = replace(verdict, passed=False, targets=AxisTargets(following_error_m=1e-5, at=at))
     proof = {"proof": {"gains": design["parameters"], "further_payloads_kg": [], "path": [0.0, 0.5, 0.7]}}
-    folder.save("results", "verify_move_1", {**verdict_to_dict(verdict), **proof})
+    folder.save("results", "verify_move_1", {**plain(verdict), **proof})
     said = headline_of(folder)
     assert said.state == "fail"
     remarks = [f"the move was slowed down, because something long and winding number {k} happened on the way to it" for k in range(9)]

@@ -34,7 +34,7 @@ def swept(viscous: float, coulomb: float, speeds: tuple[float, ...] = (40.0, 65.
 
 
 def test_the_friction_of_the_sweep_is_sent_ahead_and_nothing_else_changes() -> None:
-    found = friction_feedforward.with_sliding_friction(CASCADE, MODEL, swept(0.00275, 0.095))
+    found = friction_feedforward._with_sliding_friction(CASCADE, MODEL, swept(0.00275, 0.095))
     sent = found.feedforward
     assert sent.viscous_nm_s_rad == pytest.approx(0.00275, rel=0.05)
     assert sent.coulomb_nm == pytest.approx(0.095, rel=0.05)
@@ -43,9 +43,9 @@ def test_the_friction_of_the_sweep_is_sent_ahead_and_nothing_else_changes() -> N
 
 def test_a_sweep_that_does_not_tell_the_friction_and_a_drive_that_sends_none_change_nothing() -> None:
     for sweep in (swept(0.00275, 0.095, (40.0,)), swept(-0.001, 0.2)):
-        assert friction_feedforward.with_sliding_friction(CASCADE, MODEL, sweep) == CASCADE
+        assert friction_feedforward._with_sliding_friction(CASCADE, MODEL, sweep) == CASCADE
     none = replace(CASCADE, feedforward=Feedforward())
-    assert friction_feedforward.with_sliding_friction(none, MODEL, swept(0.00275, 0.095)) == none
+    assert friction_feedforward._with_sliding_friction(none, MODEL, swept(0.00275, 0.095)) == none
 
 
 @pytest.mark.parametrize("suspect", [True, False])

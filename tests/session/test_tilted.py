@@ -249,7 +249,7 @@ def test_half_sums_against_a_record_made_by_hand() -> None:
         reference_velocity=path.velocity_m_s / RATIO,
         sidecar=Sidecar("reversal", 0.1, closed_loop=True),
     )
-    found, friction = holding.half_sums(record, RATIO)
+    found, friction = holding._half_sums(record, RATIO)
     assert found.torque_nm == pytest.approx(0.3, abs=1.5e-3)
     assert abs(found.torque_nm - 0.3) < found.interval_nm + 6e-4  # the drift over the whole record
     assert friction == pytest.approx(0.108, abs=1e-3)

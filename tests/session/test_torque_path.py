@@ -18,8 +18,8 @@ from beltcomm.fit.torque import reading_fit
 from beltcomm.fit.torque.acting_torque import acting_recording
 from beltcomm.fit.torque.path import FAITHFUL, DriveLaw, Lag, ReadingLaw, TorquePath, path_from_dict, path_to_dict
 from beltcomm.fit.torque.reading_fit import fit_reading
-from beltcomm.machine.delivered import delivered
-from beltcomm.machine.scale import jumping_inertia
+from beltcomm.machine.delivered import _delivered
+from beltcomm.machine.scale import _jumping_inertia
 from beltcomm.recording import Recording
 from beltcomm.rundata.delays import measure_delay_and_damping
 from beltcomm.rundata.findings import Findings
@@ -143,8 +143,8 @@ def test_a_first_record_tells_a_late_reading(shaken: Recording) -> None:
     assert found.path.reading.late == 1.0
     assert found.model["motor.inertia"] == pytest.approx(model["motor.inertia"], rel=0.1)
     assert found.model["cart.mass"] == pytest.approx(model["cart.mass"], rel=0.1)
-    assert not jumping_inertia(late) < 1.6 * model["motor.inertia"]  # it is not even a number
-    assert jumping_inertia(acting_recording(late, found.path)) == pytest.approx(jumping_inertia(read_as(shaken, shaken.torque)), rel=0.05)
+    assert not _jumping_inertia(late) < 1.6 * model["motor.inertia"]  # it is not even a number
+    assert _jumping_inertia(acting_recording(late, found.path)) == pytest.approx(_jumping_inertia(read_as(shaken, shaken.torque)), rel=0.05)
 
 
 @pytest.mark.parametrize("time_s", quick([1e-3, 5e-3], 1))
@@ -167,10 +167,10 @@ def test_a_faithful_reading_stays_one(shaken: Recording) -> None:
 def test_a_filter_takes_nothing_of_the_torque_away(shaken: Recording) -> None:
     filtered = read_as(shaken, smoothed(shaken.torque, 2e-3))
     for record in (filtered, replace(filtered, sidecar=replace(filtered.sidecar, held_out=True))):
-        found = delivered(record)
+        found = _delivered(record)
         assert found is not None
         assert found.sound
-    halved = delivered(read_as(shaken, 0.5 * smoothed(shaken.torque, 2e-3)))
+    halved = _delivered(read_as(shaken, 0.5 * smoothed(shaken.torque, 2e-3)))
     assert halved is not None
     assert halved.share == pytest.approx(0.5, abs=0.02)
 

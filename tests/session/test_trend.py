@@ -15,7 +15,7 @@ from beltcomm import api
 from beltcomm.configfiles import read_yaml, to_yaml
 from beltcomm.errors import DataError, UsageError
 from beltcomm.identify.course import course_of
-from beltcomm.pages.changes import changes_of
+from beltcomm.pages.changes import _changes_of
 from beltcomm.pages.quantities import Quantity, quantities_of
 from session.conftest import Complete
 
@@ -39,7 +39,7 @@ def quantity(value: float, interval: float | None, key: str = "coulomb_total", u
     ],
 )
 def test_a_change_is_named_by_what_its_interval_allows(now: float, interval: float | None, state: str, words: str) -> None:
-    (change,) = changes_of(quantity(1.0, 0.01), quantity(now, interval))
+    (change,) = _changes_of(quantity(1.0, 0.01), quantity(now, interval))
     assert change.state == state
     assert words in change.words()
 
@@ -52,7 +52,7 @@ def test_runs_of_one_day_make_no_course(months: Months) -> None:
 
 def test_the_interval_of_a_ratio_covers_it() -> None:
     draws = np.random.default_rng(1).normal([2.0, 3.0], [0.05, 0.06], (4000, 2))
-    (change,) = changes_of(quantity(2.0, 1.96 * 0.05), quantity(3.0, 1.96 * 0.06))
+    (change,) = _changes_of(quantity(2.0, 1.96 * 0.05), quantity(3.0, 1.96 * 0.06))
     assert change.interval is not None
     inside = np.abs(draws[:, 1] / draws[:, 0] - 1.0 - change.share) < change.interval
     assert 0.93 < np.mean(inside) < 0.97
@@ -145,6 +145,6 @@ def test_a_run_against_itself_with_a_softer_belt(complete: Complete) -> None:
     model = complete.final.fit.model
     before = quantities_of(model, {"fit": folder.load("results", "fit")})
     softer = {key: replace(q, value=0.88 * q.value) if key == "belt_stiffness.stiffness" else q for key, q in before.items()}
-    changes = {change.now.key: change for change in changes_of(before, softer)}
+    changes = {change.now.key: change for change in _changes_of(before, softer)}
     assert changes.pop("belt_stiffness.stiffness").words().startswith("belt softer by 12")
     assert {change.state for change in changes.values()} == {"none"}

@@ -15,7 +15,7 @@ from beltcomm import api
 from beltcomm.drive.access import listen_to
 from beltcomm.errors import DataError, UsageError
 from beltcomm.foreign.convert import Reading
-from beltcomm.jobs.watch import played_production
+from beltcomm.jobs.watch import _played_production
 from beltcomm.runfolder import RunFolder
 from beltcomm.watching.moves import Move, moves_in
 from beltcomm.watching.streams import GrowingLog
@@ -30,7 +30,7 @@ BEGAN_S = 1.79e9
 def log_of(run: Path, moves: int, friction: float, at_s: float) -> list[str]:
     """What a logger writes of a production: the rig with so many times its friction."""
     rig = replace(RIGS["g_a"], coulomb_total_nm=friction * RIGS["g_a"].coulomb_total_nm)
-    options = {"seed": 7, "plant": rig.plant(), "silent": True, "production": played_production(RunFolder.open(run), moves)}
+    options = {"seed": 7, "plant": rig.plant(), "silent": True, "production": _played_production(RunFolder.open(run), moves)}
     lines = []
     with listen_to("virtual:g_a", options) as listening:
         for _ in range(moves + 1):

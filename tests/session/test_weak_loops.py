@@ -13,8 +13,8 @@ import pytest
 from beltcomm.axis import TrajectoryLimits, load_axis
 from beltcomm.control import Feedforward
 from beltcomm.errors import Refused
-from beltcomm.experiments import commission, friction_feedforward, phases
-from beltcomm.experiments.friction_feedforward import shown_by_passes
+from beltcomm.experiments import commission, friction_feedforward, phases, recording_steps
+from beltcomm.experiments.friction_feedforward import _shown_by_passes
 from beltcomm.experiments.stops_out_of_move import allowed_lag_m, room_beyond_m
 from beltcomm.identify.amplitude import family_around
 from beltcomm.identify.friction import Plateau
@@ -46,18 +46,18 @@ def test_friction_of_passes_replaces_what_was_sent(seed: int) -> None:
     draw = np.random.default_rng(seed)
     coulomb, viscous, offset = draw.uniform(0.05, 0.3), draw.uniform(1e-3, 6e-3), draw.uniform(-0.02, 0.02)
     sent = replace(FRICTION, offset_nm=offset)
-    found = shown_by_passes(sent, passes(7.0, 12.0, 20.0, coulomb_nm=coulomb, viscous_nm_s_rad=viscous, offset_nm=offset))
+    found = _shown_by_passes(sent, passes(7.0, 12.0, 20.0, coulomb_nm=coulomb, viscous_nm_s_rad=viscous, offset_nm=offset))
     assert (found.coulomb_nm, found.viscous_nm_s_rad) == pytest.approx((coulomb, viscous))
-    of_one = shown_by_passes(FRICTION, passes(7.0, coulomb_nm=coulomb, viscous_nm_s_rad=viscous))
+    of_one = _shown_by_passes(FRICTION, passes(7.0, coulomb_nm=coulomb, viscous_nm_s_rad=viscous))
     assert of_one.coulomb_nm + 7.0 * of_one.viscous_nm_s_rad == pytest.approx(coulomb + 7.0 * viscous)
     assert of_one.viscous_nm_s_rad / of_one.coulomb_nm == pytest.approx(FRICTION.viscous_nm_s_rad / FRICTION.coulomb_nm)
 
 
 def test_passes_that_show_nothing_change_nothing() -> None:
-    assert shown_by_passes(FRICTION, []) is FRICTION
+    assert _shown_by_passes(FRICTION, []) is FRICTION
     driving = [replace(one, torque_nm=-one.torque_nm) for one in passes(7.0)]
-    assert shown_by_passes(FRICTION, driving) == FRICTION
-    assert shown_by_passes(Feedforward(), passes(7.0, 14.0)) == Feedforward()
+    assert _shown_by_passes(FRICTION, driving) == FRICTION
+    assert _shown_by_passes(Feedforward(), passes(7.0, 14.0)) == Feedforward()
 
 
 def test_a_weak_loop_is_not_sure_to_keep_a_sweep_inside_and_a_strong_one_is(
@@ -80,7 +80,7 @@ def test_drives_with_a_filter_against_the_resonance_make_no_short_strokes(make_b
     bench = make_bench()
     with bench.open(bench.name) as drive:
         own = drive.capabilities
-        assert not friction_feedforward.may_be_weak(own)
+        assert not friction_feedforward._may_be_weak(own)
         assert friction_feedforward.line(load_axis(AXIS), own) == ()
         bare = replace(own, structure=replace(own.structure, prefilters=("none",)))
         (line,) = friction_feedforward.line(load_axis(AXIS), bare)
@@ -144,6 +144,6 @@ def test_a_sweep_begins_inside_what_short_strokes_left_to_it(
         stops.count_on_loop(machine, family_around(model), machine.write_cascade(strong), 1e-3)
         monkeypatch.setattr(machine, "record", recorded)
         with pytest.raises(Refused, match="enough"):
-            commission.measure_friction(machine, model)
+            recording_steps.measure_friction(machine, model)
     ((at_m, (first_m, last_m)),) = began
     assert first_m - 1e-3 < at_m < last_m + 1e-3

@@ -7,8 +7,13 @@ from dataclasses import replace
 
 import pytest
 
-from beltcomm.quantities import in_mm, mm
-from beltcomm.sentences.words import verdict_lines
+from beltcomm.app.laboratory import _in_own_units
+from beltcomm.axis.terms import PLAIN
+from beltcomm.effects import effect_named
+from beltcomm.model import load_plant
+from beltcomm.quantities import in_mm, mm, read_in
+from beltcomm.sentences.ladder import number_lines
+from beltcomm.sentences.words import SHOWN, verdict_lines
 from beltcomm.verify import TrackingError, Verdict
 
 
@@ -35,3 +40,21 @@ def test_an_error_is_in_mm_with_three_digits_none_finer_than_a_tenth_of_a_microm
 
 def test_no_error_is_a_dash() -> None:
     assert mm(float("nan")) == "-"
+
+
+@pytest.mark.parametrize(
+    ("unit", "bound", "told"),
+    [("N m", 50.0, (1e3, "mN m")), ("N m s/rad", 0.5, (1e3, "mN m s/rad")), ("N m", 1000.0, (1.0, "N m")), ("N s/m", 50.0, (1.0, "N s/m"))],
+)
+def test_friction_is_read_in_thousandths_a_rating_is_not(unit: str, bound: float, told: tuple[float, str]) -> None:
+    assert read_in(unit, bound) == told
+
+
+def test_verdict_lines_of_an_effect_and_the_page_have_one_unit_for_a_friction() -> None:
+    model = load_plant("g_a").model
+    known = replace(model.parameters["viscous.damping"], value=0.00253, interval=2e-5)
+    (line,) = number_lines(effect_named("viscous"), replace(model, parameters={**model.parameters, "viscous.damping": known}))
+    page = _in_own_units({"viscous.damping": {"value": 0.00253, "unit": "N m s/rad", "interval": 2e-5}}, PLAIN)["viscous.damping"]
+    assert line.startswith("viscous.damping = 2.53 ± 0.02 mN m s/rad")
+    assert (page["value"], page["unit"], page["interval"]) == (pytest.approx(2.53), "mN m s/rad", pytest.approx(0.02))
+    assert SHOWN["viscous.damping"][1:] == ("mN m s/rad", 1e3)

@@ -15,7 +15,7 @@ from beltcomm.configfiles import read_yaml, to_yaml
 from beltcomm.drive.objects import ObjectValue
 from beltcomm.errors import DataError, ObjectLocked, Refused, UsageError
 from beltcomm.export.dcf import dcf_text
-from beltcomm.foreign.eds import parse
+from beltcomm.foreign.eds import _parse
 from beltcomm.runfolder import RunFolder
 from session.bench import Bench
 from session.conftest import Complete
@@ -144,7 +144,7 @@ def file_of(tmp_path: Path, values: list[ObjectValue]) -> Path:
 def test_the_design_goes_out_as_a_dcf_and_in_again(make_bench: MakeBench, copy_of_complete: Copy, tmp_path: Path) -> None:
     run, bench, path = copy_of_complete(), make_bench(), tmp_path / "design.dcf"
     assert call("export", run, "--format", "dcf", "--out", path).exit_code == 0
-    assert parse(path.read_bytes(), path).repairs == ()
+    assert _parse(path.read_bytes(), path).repairs == ()
     api.apply(bench.name, run, options=YES)
     applied = bench.parameters()
     api.rollback(bench.name, run, options=YES)

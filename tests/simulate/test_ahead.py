@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 
 from beltcomm.compiled import when_compiling
-from beltcomm.effects.current_lag import lag_torque
-from beltcomm.effects.dead_time import delay_torque
-from beltcomm.effects.measurement_lag import read
-from beltcomm.jobs.effect_search import last_compiled
-from beltcomm.laboratory.score import gain_kernel, gain_means, load_kernel, load_means, powers_of
+from beltcomm.effects.current_lag import _lag_torque
+from beltcomm.effects.dead_time import _delay_torque
+from beltcomm.effects.measurement_lag import _read
+from beltcomm.jobs.effect_search import _last_compiled
+from beltcomm.laboratory.score import _gain_means, _load_means, _powers_of, gain_kernel, load_kernel
 from beltcomm.model import build_model, expected_parameters
 from beltcomm.simulate.inverse import FineMotion, torque_residuals
 from beltcomm.simulate.kernels import ahead, compile_largest
-from beltcomm.simulate.kernels.compose import inverse_kernel, load_source, motor_side_source, plain_source
+from beltcomm.simulate.kernels.compose import _load_source, _motor_side_source, _plain_source, inverse_kernel
 from beltcomm.simulate.kernels.switch_groups import needed_lines
 
 SLEEP = "import time; time.sleep(0.3)"
@@ -82,10 +82,10 @@ def test_lines_that_nothing_asks_for_are_left_out() -> None:
 
 
 def test_the_load_knows_nothing_of_what_acts_on_the_motor_alone_and_a_plain_one_no_observer() -> None:
-    assert "cogging" not in load_source()
-    assert "cogging" in motor_side_source()
-    assert "see_" not in plain_source()
-    assert "def load(theta, omega, p, on, t, h, offset, load, cart):" in plain_source()
+    assert "cogging" not in _load_source()
+    assert "cogging" in _motor_side_source()
+    assert "see_" not in _plain_source()
+    assert "def load(theta, omega, p, on, t, h, offset, load, cart):" in _plain_source()
 
 
 def test_what_is_compiled_ahead_is_called_and_noted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -123,15 +123,15 @@ def test_what_is_needed_later_is_called_while_there_is_nothing_else_to_do(monkey
 
 def test_what_a_search_compiles_last_is_called_with_the_types_of_its_own_calls() -> None:
     inverse = inverse_kernel()
-    kernels: list[Any] = [load_kernel, gain_kernel, inverse.torque, inverse.angle, delay_torque, lag_torque, read]
-    for call in last_compiled():
+    kernels: list[Any] = [load_kernel, gain_kernel, inverse.torque, inverse.angle, _delay_torque, _lag_torque, _read]
+    for call in _last_compiled():
         call()
     known = [set(kernel.signatures) for kernel in kernels]
     motion, torque = FineMotion(np.linspace(0.0, 1.0, 9), np.ones(9), 5, 1e-3, 2, 0.0), np.zeros(5)
     torque.flags.writeable = False  # as recorded
     piece: Any = SimpleNamespace(motion=motion, torque=torque)
-    next(load_means(piece, powers_of(9), 1))
-    next(gain_means(piece, powers_of(8), 1))
+    next(_load_means(piece, _powers_of(9), 1))
+    next(_gain_means(piece, _powers_of(8), 1))
     for lag in ("current_lag", "measurement_lag"):  # a model has one of them
         late = ("dead_time", lag, "torque_ripple", "encoder_eccentricity")
         values = {name: 1.0 if name.endswith("order") else 1e-3 for name in expected_parameters(late, ("motor",))}

@@ -12,9 +12,9 @@ import pytest
 from beltcomm.arrays import Array
 from beltcomm.compiled import in_lanes
 from beltcomm.effects._corner import ramp, ramp_slope
-from beltcomm.effects.presliding import friction_share
-from beltcomm.effects.quadratic_drag import force as drag
-from beltcomm.effects.travel_ripple import force as ripple
+from beltcomm.effects.presliding import _friction_share
+from beltcomm.effects.quadratic_drag import _force as drag
+from beltcomm.effects.travel_ripple import _force as ripple
 from beltcomm.simulate.kernels.branchless import in_vectors
 from beltcomm.simulate.kernels.pieces import stick_or_slide
 from beltcomm.simulate.kernels.vectors import LANES, aligned_zeros, at, eight, put
@@ -67,7 +67,7 @@ GRID = np.array([-2.0, -0.7, -0.04, 0.0, 0.04, 0.3, 1.0, 2.5])
         (nested, ()),
         (ramp, ()),
         (ramp_slope, ()),
-        (friction_share, (0.3,)),
+        (_friction_share, (0.3,)),
         (stick_or_slide, (0.4, 0.1)),
         (drag, (0.0, 3.0)),
         (ripple, (0.0, 0.7, 1.0, 0.5)),

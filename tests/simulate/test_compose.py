@@ -13,10 +13,10 @@ import pytest
 from beltcomm.effects import EFFECTS
 from beltcomm.effects.cogging import COUNT
 from beltcomm.model import Model, build_model
-from beltcomm.model.statics import smooth_forces
+from beltcomm.model.statics import _smooth_forces
 from beltcomm.simulate.forward import simulate_torque
 from beltcomm.simulate.kernels import writer
-from beltcomm.simulate.kernels.compose import kernel_for, kernel_source
+from beltcomm.simulate.kernels.compose import _kernel_source, kernel_for
 
 FULL = ("belt_sections", "coupling", "belt_damping", "viscous", "viscous_cart", "viscous_end_pulley",
         "coulomb", "cart_friction", "presliding_cart", "coulomb_end_pulley", "tilt")  # fmt: skip
@@ -56,7 +56,7 @@ def test_compiled_forces_are_those_of_the_laws(effects: tuple[str, ...]) -> None
         v = scale * random.normal(size=len(bodies))
         got = np.empty(len(bodies))
         kernel_for(model).forces(q, v, model.vector(), 1.5, got)
-        np.testing.assert_allclose(got, smooth_forces(model, q, v, 1.5), rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(got, _smooth_forces(model, q, v, 1.5), rtol=1e-9, atol=1e-9)
 
 
 def test_levels_stand_at_their_bodies() -> None:
@@ -111,11 +111,11 @@ def test_an_end_pulley_without_mass_is_the_spring_by_position() -> None:
 
 def test_a_changed_law_gets_another_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
     combination = (("motor", "cart"), ("belt_stiffness", "cart_friction"))
-    before = kernel_source(*combination)
-    assert kernel_source(*combination) == before
+    before = _kernel_source(*combination)
+    assert _kernel_source(*combination) == before
     read = writer.inspect.getsource
     monkeypatch.setattr(writer.inspect, "getsource", lambda module: read(module).replace("return level_", "return 2 * level_"))
-    assert kernel_source(*combination) != before
+    assert _kernel_source(*combination) != before
 
 
 def test_a_second_process_compiles_nothing(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from beltcomm.effects import EFFECTS, Effect, Parameter
 from beltcomm.errors import UsageError
 from beltcomm.model import Model, build_model, load_plant
-from beltcomm.simulate.exact import is_exact, linear_axis
+from beltcomm.simulate.exact import _linear_axis, is_exact
 from beltcomm.simulate.forward import BodyStates, integrate_torque, simulate_torque
 from beltcomm.simulate.kernels.first_root import DEGREE, NEVER, first_root
 from truth import Axis, ConstantBelt, Coupling, TruthPlant
@@ -173,7 +173,7 @@ def test_a_speed_that_only_grazes_zero_is_seen(dip: float) -> None:
 def test_events_are_where_an_event_finder_puts_them(held: float) -> None:
     """From 0.1 m/s against a torque, through standstill and back: DOP853 at 1e-12 with its event location, to a nanosecond."""
     model = load_plant("g_b").model
-    a, _ = linear_axis(model)
+    a, _ = _linear_axis(model)
     start = BodyStates(np.zeros(2), 0.1 * np.array([1.0 / model["transmission.ratio"], 1.0]))
     t, y, slide, expected = 0.0, np.concatenate([start.positions, start.speeds]), np.ones(2), []
 

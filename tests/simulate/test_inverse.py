@@ -12,10 +12,10 @@ from beltcomm.model import Model, build_model
 from beltcomm.simulate.inverse import (
     BRISTLE_M,
     FineMotion,
+    _load_torque,
     acting_cells,
     coarse,
     fine_load,
-    load_torque,
     reconstruct,
     torque_residuals,
     triangular_mean,
@@ -167,7 +167,7 @@ def test_load_at_constant_speed_is_all_friction(speed: float) -> None:
     """load = (τ_c + r F_c) sign(ω) + b ω;  the carriage trails by F_c/c."""
     model = axis(coulomb__level=0.08, cart_friction__level=2.8, viscous__damping=2e-3, belt_damping__damping=300.0)
     motion = cruise(speed)
-    load, cart = load_torque(model, motion)
+    load, cart = _load_torque(model, motion)
     expected = np.sign(speed) * (0.08 + LEVER * 2.8) + 2e-3 * speed
     np.testing.assert_allclose(load[1000:-1], expected, rtol=1e-9)
     trailing = (LEVER * motion.theta - cart)[1000 * SUB :]
@@ -176,15 +176,15 @@ def test_load_at_constant_speed_is_all_friction(speed: float) -> None:
 
 def test_load_at_constant_acceleration_is_the_carriage() -> None:
     """load = r² m α at ω' = α:  the motor's own inertia is not part of the load."""
-    load, _ = load_torque(axis(belt_damping__damping=300.0), cruise(0.0, 200.0))
+    load, _ = _load_torque(axis(belt_damping__damping=300.0), cruise(0.0, 200.0))
     np.testing.assert_allclose(load[1000:-1], LEVER**2 * MASS * 200.0, rtol=1e-6)
 
 
 def test_vector_replaces_the_model() -> None:
     model = axis(coulomb__level=0.08)
     other = model.with_values({"coulomb.level": 0.11})
-    here, _ = load_torque(model, cruise(20.0), other.vector())
-    np.testing.assert_array_equal(here, load_torque(other, cruise(20.0))[0])
+    here, _ = _load_torque(model, cruise(20.0), other.vector())
+    np.testing.assert_array_equal(here, _load_torque(other, cruise(20.0))[0])
 
 
 @pytest.mark.parametrize(("bristles", "share"), [(0.5, 0.5), (1.0, 0.0), (3.0, -1.0)])
@@ -198,7 +198,7 @@ def test_motor_friction_turns_round_within_two_bristles(bristles: float, share: 
     there = np.linspace(0.0, 1.0, 8 * SUB + 1)
     back = 1.0 - bristles * bristle * there[1:]
     theta = np.concatenate([there, back, np.full(8 * SUB, back[-1])])
-    load, _ = load_torque(model, FineMotion(theta, np.zeros_like(theta), 25, T, SUB, 0.0), vector)
+    load, _ = _load_torque(model, FineMotion(theta, np.zeros_like(theta), 25, T, SUB, 0.0), vector)
     assert load[5] == pytest.approx(level, rel=1e-9)
     np.testing.assert_allclose(load[18:24], share * level, atol=1e-6 * level)
 
@@ -207,6 +207,6 @@ def test_a_carriage_held_off_by_friction_starts_off() -> None:
     """Offset o: the belt pushes back with c o until the carriage moves; a resting motor carries r c o."""
     model = axis(cart_friction__level=10.0)
     motion = FineMotion(np.full(50 * SUB + 1, 3.0), np.zeros(50 * SUB + 1), 51, T, SUB, 0.0)
-    load, cart = load_torque(model, motion, offset_m=4e-5)
+    load, cart = _load_torque(model, motion, offset_m=4e-5)
     np.testing.assert_allclose(cart, LEVER * 3.0 + 4e-5, rtol=1e-12)
     np.testing.assert_allclose(load[1:-1], -LEVER * STIFFNESS * 4e-5, rtol=1e-9)

@@ -13,15 +13,15 @@ from beltcomm.errors import UsageError
 from beltcomm.fit.noise.propagation import noise_schedule
 from beltcomm.fit.noise.whitening import whitener
 from beltcomm.fit.residual.observer import Observation, Observer, innovations, tuned_observers, untuned_observer
-from beltcomm.fit.residual.segment import Segment, group_starts
+from beltcomm.fit.residual.segment import Segment, _group_starts
 from beltcomm.model import Model, build_model
 from beltcomm.simulate.inverse import (
     FineMotion,
+    _lock_step_groups,
     belt_load,
     belt_loads,
     fine_load,
     linear_innovations,
-    lock_step_groups,
     motor_load,
     triangular_mean,
 )
@@ -221,7 +221,7 @@ def test_models_behind_one_observer_are_followed_as_by_the_masked_kernel(more: t
 
 def test_neighbours_in_length_run_together_and_one_that_outlasts_them_alone() -> None:
     lengths = [900, 30, 800, 850, 790, 780, 2400, 770, 760, 750, 740]
-    found = lock_step_groups(range(len(lengths)), lengths)
+    found = _lock_step_groups(range(len(lengths)), lengths)
     assert [[lengths[i] for i in some] for some in found] == [[2400], [900, 850, 800, 790, 780, 770, 760, 750], [740], [30]]
 
 
@@ -252,7 +252,7 @@ def test_a_record_in_which_nothing_counts_leaves_nothing() -> None:
 def test_groups_never_cross_a_gap(size: int) -> None:
     keep = np.array([1, 1, 1, 0, 1, 0, 1, 1, 1, 1, 1, 0, 0, 1, 1], dtype=np.bool_)
     kept = np.flatnonzero(keep)
-    firsts = group_starts(keep, size)
+    firsts = _group_starts(keep, size)
     assert all(kept[first + size - 1] - kept[first] == size - 1 for first in firsts)
     assert len(firsts) == sum(run // size for run in (3, 1, 5, 2))
-    assert len(group_starts(np.zeros(5, dtype=np.bool_), size)) == 0
+    assert len(_group_starts(np.zeros(5, dtype=np.bool_), size)) == 0

@@ -163,4 +163,4 @@ def test_a_new_effect_needs_nothing_here(monkeypatch: pytest.MonkeyPatch) -> Non
     combination = ("belt_stiffness", "cart_friction", "cogging")
     renamed = replace(effect_named("travel_ripple"), name="new")
     monkeypatch.setitem(effect_named.__globals__["_BY_NAME"], "new", renamed)
-    assert "travel_ripple__force(q1, w1" in nystrom.nystrom_source(("motor", "cart"), (*combination, "new"))
+    assert "travel_ripple___force(q1, w1" in nystrom._nystrom_source(("motor", "cart"), (*combination, "new"))

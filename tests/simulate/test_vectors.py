@@ -8,7 +8,7 @@ from beltcomm.arrays import Array
 from beltcomm.compiled import in_lanes
 from beltcomm.simulate.kernels.learning import learn
 from beltcomm.simulate.kernels.vectors import LANES, aligned_zeros, at, eight, put
-from beltcomm.simulate.kernels.writer import modules_of
+from beltcomm.simulate.kernels.writer import _modules_of
 
 
 @in_lanes
@@ -33,4 +33,4 @@ def test_every_operation_is_that_of_each_neighbour() -> None:
 
 def test_a_kernel_knows_what_its_laws_are_made_of() -> None:
     """Machine code of a kernel is kept under a hash of them: also of what stands behind an operation of vectors."""
-    assert {"beltcomm.simulate.kernels.learning", "beltcomm.simulate.kernels.vectors"} <= modules_of(learn)
+    assert {"beltcomm.simulate.kernels.learning", "beltcomm.simulate.kernels.vectors"} <= _modules_of(learn)

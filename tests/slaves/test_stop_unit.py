@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from beltcomm.drive import ObservedStop
-from beltcomm.experiments.stop_unit import judge
+from beltcomm.experiments.stop_unit import _judge
 from slaves.bench import BELT_N, TOLD, SlaveRig, sentence, words
 
 LEXIUM = TOLD["lexium32"]
@@ -43,7 +43,7 @@ def test_a_ramp_as_it_was_meant_is_none_that_contradicts(seed: int) -> None:
     speed, lag_s = float(draw.uniform(0.005, 0.05)), float(draw.uniform(0.0, 0.06))
     meant = speed / 0.5
     ended = 0.5 + float(draw.uniform(0.0, 0.1)) + 3.0 * lag_s
-    assert judge(stop_of(speed, meant, lag_s, ended, ended), speed, meant, RATIO).kind == "as meant"
+    assert _judge(stop_of(speed, meant, lag_s, ended, ended), speed, meant, RATIO).kind == "as meant"
 
 
 @pytest.mark.parametrize("factor", [10.0, 60.0, 1000.0])
@@ -53,26 +53,26 @@ def test_a_steeper_and_a_flatter_ramp_contradict(factor: float, seed: int) -> No
     speed, lag_s = float(draw.uniform(0.005, 0.05)), float(draw.uniform(0.0, 0.02))
     meant = speed / 0.5
     ended = 0.5 / factor + 0.01 + 4.0 * lag_s
-    assert judge(stop_of(speed, factor * meant, lag_s, ended, ended), speed, meant, RATIO).kind == "steeper"
-    assert judge(stop_of(speed, meant / factor, lag_s, 2.3, None), speed, meant, RATIO).kind == "flatter"
+    assert _judge(stop_of(speed, factor * meant, lag_s, ended, ended), speed, meant, RATIO).kind == "steeper"
+    assert _judge(stop_of(speed, meant / factor, lag_s, 2.3, None), speed, meant, RATIO).kind == "flatter"
 
 
 def test_a_drive_that_does_not_end_its_stops_tells_by_a_carriage_that_goes_on_only() -> None:
     going, standing = stop_of(0.03, 0.006, 0.01, 2.3, None), stop_of(0.03, 0.6, 0.01, 2.3, None)
-    assert judge(going, 0.03, 0.06, RATIO, ends=False).kind == "flatter"
-    assert judge(standing, 0.03, 0.06, RATIO, ends=False).kind == "untold"
-    assert judge(standing, 0.03, 0.06, RATIO, brake_s=0.7).kind == "untold"  # the watch was too short for a brake
+    assert _judge(going, 0.03, 0.06, RATIO, ends=False).kind == "flatter"
+    assert _judge(standing, 0.03, 0.06, RATIO, ends=False).kind == "untold"
+    assert _judge(standing, 0.03, 0.06, RATIO, brake_s=0.7).kind == "untold"  # the watch was too short for a brake
 
 
 def test_a_stop_that_a_brake_or_a_late_loop_may_have_ended_tells_nothing() -> None:
-    assert judge(stop_of(0.03, 6.0, 0.01, 0.4, 0.4), 0.03, 0.06, RATIO, brake_s=0.3).kind == "untold"
-    assert judge(stop_of(0.03, 0.06, 0.5, 1.4, 1.4), 0.03, 0.06, RATIO).kind == "untold"
+    assert _judge(stop_of(0.03, 6.0, 0.01, 0.4, 0.4), 0.03, 0.06, RATIO, brake_s=0.3).kind == "untold"
+    assert _judge(stop_of(0.03, 0.06, 0.5, 1.4, 1.4), 0.03, 0.06, RATIO).kind == "untold"
 
 
 def test_a_ramp_that_no_unit_makes_flat_is_told_when_it_takes_too_long_only() -> None:
-    assert judge(stop_of(0.03, 1e-3, 0.01, 2.3, None), 0.03, 1.0, RATIO).kind == "flatter"
+    assert _judge(stop_of(0.03, 1e-3, 0.01, 2.3, None), 0.03, 1.0, RATIO).kind == "flatter"
     for ended in (0.02, 0.05):
-        assert judge(stop_of(0.03, 1.0, 0.01, ended, ended), 0.03, 1.0, RATIO).kind == "untold"
+        assert _judge(stop_of(0.03, 1.0, 0.01, ended, ended), 0.03, 1.0, RATIO).kind == "untold"
 
 
 def commissioned(unit: str, folder: Path, verb: str = "commission") -> tuple[SlaveRig, int | None, str, str]:

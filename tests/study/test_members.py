@@ -23,7 +23,7 @@ from beltcomm.result import Result
 from beltcomm.runfolder import RunFolder
 from beltcomm.study.file import Study
 from beltcomm.study.job import study_of
-from beltcomm.study.members import Doing, diagnosis_quantities
+from beltcomm.study.members import Doing, _diagnosis_quantities
 from beltcomm.study.summary import summary_of
 from beltcomm.study.words import answer_row, headline, values_text, why
 from study.conftest import STUDY
@@ -90,7 +90,7 @@ def test_the_plant_of_a_member_is_one_that_the_virtual_drive_takes(written: Call
 )
 def test_a_diagnosis_is_held_against_what_was_hidden(hidden: str | None, named: list[str], expected: dict[str, bool]) -> None:
     made = {"verdict": "explained", "steps": [*({"added": name} for name in named), {"added": ""}]}
-    assert diagnosis_quantities(made, hidden) == {"verdict": "explained", "named": named, **expected}
+    assert _diagnosis_quantities(made, hidden) == {"verdict": "explained", "named": named, **expected}
 
 
 def test_a_fleet_with_runs_that_hold_nothing(tmp_path: Path) -> None:

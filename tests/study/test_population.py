@@ -16,7 +16,7 @@ from beltcomm.errors import UsageError
 from beltcomm.model import load_plant
 from beltcomm.study.file import load_study
 from beltcomm.study.population import drawn_axis, nominal_of, population_from
-from beltcomm.study.summary import share_of, summary_of
+from beltcomm.study.summary import _share_of, summary_of
 
 MODEL = load_plant("g_a").model
 NOMINAL = nominal_of(MODEL, 1e-3, 0.0)
@@ -144,5 +144,5 @@ def test_the_summary_tells_shares_drivers_and_the_worst() -> None:
 
 @pytest.mark.parametrize(("count", "of", "low", "high"), [(0, 20, 0.0, 0.1684), (20, 20, 0.8316, 1.0), (5, 50, 0.0333, 0.2181)])
 def test_intervals_are_those_of_clopper_and_pearson(count: int, of: int, low: float, high: float) -> None:
-    share = share_of("passed", count, of)
+    share = _share_of("passed", count, of)
     assert (share.low, share.high) == pytest.approx((low, high), abs=1e-4)

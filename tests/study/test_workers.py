@@ -19,7 +19,7 @@ from beltcomm import api
 from beltcomm.caches import source_hash
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.study.members import line_of
-from beltcomm.study.workers import answers, unfit
+from beltcomm.study.workers import _unfit, answers
 from beltcomm.talk import Silence
 from study.conftest import MEMBERS, MORE_THREADS
 from study.dying import dying, dying_once
@@ -151,9 +151,9 @@ def test_what_a_worker_with_another_program_found_is_not_kept(small: Path, tmp_p
 
 def test_a_worker_of_several_threads_or_of_another_program_is_refused() -> None:
     here = source_hash()
-    assert unfit({"a": here, "b": here}, {"a": 1, "b": 1}, "tcp://x:1") == ""
-    assert "the worker b has another beltcomm" in unfit({"a": here, "b": "0.1.0"}, {"a": 1, "b": 1}, "tcp://x:1")
-    said = unfit({"a": here, "b": here}, {"a": 1, "b": 4}, "tcp://x:1")
+    assert _unfit({"a": here, "b": here}, {"a": 1, "b": 1}, "tcp://x:1") == ""
+    assert "the worker b has another beltcomm" in _unfit({"a": here, "b": "0.1.0"}, {"a": 1, "b": 1}, "tcp://x:1")
+    said = _unfit({"a": here, "b": here}, {"a": 1, "b": 4}, "tcp://x:1")
     assert "the worker b computes in 4 threads; start it with `dask worker tcp://x:1 --nthreads 1`" in said
 
 

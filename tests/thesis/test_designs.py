@@ -14,7 +14,7 @@ from beltcomm.design.margins import margins
 from beltcomm.design.specification import Specification
 from beltcomm.report.style import Caption
 from beltcomm.thesis import designs
-from beltcomm.thesis.designs import Designs, published_gains, thesis_plants
+from beltcomm.thesis.designs import Designs, _published_gains, thesis_plants
 from beltcomm.thesis.figures import designs as thesis_designs
 from beltcomm.thesis.topics import thesis
 
@@ -100,7 +100,7 @@ def test_the_product_form_draws_the_resonance_of_g_b_too_low(study: Designs) -> 
 
 def test_steps_of_the_figure_are_those_of_a_simulation() -> None:
     """The closed velocity loop of C_B without dead time, as a transfer function for scipy; the figure integrates over frequency."""
-    plant, cascade = thesis_plants()[0], published_gains(thesis_plants()[0])["C_B (Butterworth)"]
+    plant, cascade = thesis_plants()[0], _published_gains(thesis_plants()[0])["C_B (Butterworth)"]
     from dataclasses import replace
 
     from beltcomm.design.thesis import velocity_loop
@@ -123,7 +123,7 @@ def test_steps_of_the_figure_are_those_of_a_simulation() -> None:
     t = np.linspace(0.0, 0.5, 101)
     _, expected = signal.step(closed, T=t)
     omega = np.arange(0.5 * thesis_designs.STEP_GRID_RAD_S, thesis_designs.STEP_HIGHEST_RAD_S, thesis_designs.STEP_GRID_RAD_S)
-    found = thesis_designs.step_response(velocity_loop(bare, cascade, omega), omega, t)
+    found = thesis_designs._step_response(velocity_loop(bare, cascade, omega), omega, t)
     np.testing.assert_allclose(found, expected, atol=2e-3)
 
 

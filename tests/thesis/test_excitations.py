@@ -57,7 +57,7 @@ def test_every_fit_finds_the_axis(study: excitations.ExcitationStudy) -> None:
 def test_words_and_figure(study: excitations.ExcitationStudy) -> None:
     text = excitations.lines(study)
     assert sum(line.startswith(("prbs", "gprbs", "chirp", "multisine")) for line in text) == 4
-    best = min(study.rows, key=excitations.score).kind
+    best = min(study.rows, key=excitations._score).kind
     assert any(line.startswith(f"g_b: {best} has the smallest errors") for line in text)
     assert list(figures(study, Caption("test", "none"))) == ["excitations_g_b", "excitations_3_1", "excitations_3_2"]
 
@@ -84,17 +84,17 @@ def test_two_excitations_are_told_apart_only_beyond_the_scatter_of_the_seeds() -
     called = 0
     for _ in range(400):
         one, other = (row("prbs", 1e-3 * random.standard_normal((3, 6))) for _ in range(2))
-        q, open_ = excitations.factor(one, other)
+        q, open_ = excitations._factor(one, other)
         called += max(q, 1.0 / q) > open_
     assert called <= 48
     seen = []
     for _ in range(100):
         worse, better = (row("prbs", size * random.standard_normal((3, 6))) for size in (5e-3, 1e-3))
-        q, open_ = excitations.factor(worse, better)
+        q, open_ = excitations._factor(worse, better)
         seen.append(q > open_)
     assert np.mean(seen) > 0.9
     same = 1e-3 * random.standard_normal((3, 6))
-    q, open_ = excitations.factor(row("chirp", 2.0 * same), row("prbs", same))  # the same seeds, twice the error each: no scatter is left
+    q, open_ = excitations._factor(row("chirp", 2.0 * same), row("prbs", same))  # the same seeds, twice the error each: no scatter is left
     assert q == pytest.approx(2.0)
     assert open_ == pytest.approx(1.0)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import time
 from dataclasses import asdict, replace
 from itertools import pairwise
@@ -15,6 +16,7 @@ from beltcomm.axis.entries import AxisTargets
 from beltcomm.design.knobs import OutOfReach
 from beltcomm.design.margins import margins, worst_of
 from beltcomm.errors import UsageError
+from beltcomm.sentences.screens import _loop_lines
 from beltcomm.tuning.bench import Bench
 from beltcomm.tuning.changes import changes, error_changes, sentence
 from beltcomm.tuning.curves import DISTURBANCE_NM, open_loop_curves, responses
@@ -92,8 +94,8 @@ def test_presets_go_from_robust_to_fast(made: dict[tuple[str, str], list[Preset]
     designs = [bench_of(rig).design(one.setting) for one in ladder if one.setting]
     worst = [worst_of(design.margins) for design in designs]
     for slower, faster in pairwise(worst):
-        assert faster.position_crossover_hz > 1.05 * slower.position_crossover_hz
-        assert faster.crossover_hz > slower.crossover_hz
+        assert faster.position_bandwidth_at_rest_hz > 1.05 * slower.position_bandwidth_at_rest_hz
+        assert faster.bandwidth_at_rest_hz > slower.bandwidth_at_rest_hz
         assert faster.phase_margin_deg < slower.phase_margin_deg - 3.0
         assert faster.position_phase_margin_deg < slower.position_phase_margin_deg - 1.0
         assert faster.sensitivity_db > slower.sensitivity_db
@@ -171,6 +173,18 @@ def test_a_change_is_told_in_one_line(heavy: Bench, setting: SliderSetting) -> N
     near, far = heavy.tracked(fast.cascade, 0.0), heavy.tracked(slow.cascade, 0.0)
     assert near.error.dynamic_m < far.error.dynamic_m
     assert "predicted following error" in sentence(error_changes(far.error, near.error))
+
+
+def test_the_page_and_the_verdict_have_one_bandwidth_under_one_name(heavy: Bench, setting: SliderSetting) -> None:
+    """On this rig the friction of a standstill makes the velocity loop slower by a large factor: both are told, each by its name."""
+    design = heavy.design(setting)
+    page = {one.name: one.new for one in changes((design.cascade, worst_of(design.margins)), (design.cascade, worst_of(design.margins)))}
+    line = "".join(map(str, _loop_lines(design.margins, ())[0].parts))
+    found = re.search(r"velocity ([\d.]+) Hz, position ([\d.]+) Hz \(at rest ([\d.]+), ([\d.]+)\)", line)
+    assert found is not None
+    names = ("velocity bandwidth", "position bandwidth", "velocity bandwidth at rest", "position bandwidth at rest")
+    assert [float(value) for value in found.groups()] == pytest.approx([page[name] for name in names], rel=0.05)
+    assert page["velocity bandwidth"] > 2.0 * page["velocity bandwidth at rest"]
 
 
 def test_sliders_that_nobody_touched_mean_the_present_design(heavy: Bench, setting: SliderSetting) -> None:

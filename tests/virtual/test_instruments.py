@@ -17,7 +17,7 @@ from beltcomm.configfiles import find_config, read_yaml, to_yaml, write_text
 from beltcomm.drive import open_drive
 from beltcomm.errors import UsageError
 from beltcomm.model import load_plant
-from beltcomm.plant.drive_section import DRIVE_KEYS, IDEAL, Instruments
+from beltcomm.plant import DRIVE_KEYS, IDEAL, Instruments
 from virtual.host import INERTIA, UNIT_NM, CyclicTorque, prepared
 
 T = 1e-3

@@ -52,7 +52,12 @@ def begin(meanwhile: Iterable[Callable[[], object]] = ()) -> None:
 
 
 def start(command: Sequence[str]) -> None:
-    """Run a command beside this process, which ends it with itself; :func:`wait` waits for it."""
+    """Run a command beside this process, which ends it with itself; :func:`wait` waits for it.
+
+    Parameters
+    ----------
+    command : sequence of str
+    """
     if _beside:
         return
     try:
@@ -152,7 +157,6 @@ def write_note(note: Path) -> None:
     Parameters
     ----------
     note : Path
-        Of the file.
     """
     atomic.write(note, json.dumps(_owner()).encode() + b"\n")
 

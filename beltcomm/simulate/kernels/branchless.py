@@ -32,6 +32,11 @@ _INSTEAD = {"abs": vectors.size, "min": vectors.least, "max": vectors.most, "eit
 def in_vectors(law: Callable[..., Any]) -> Callable[..., Any]:
     """The law, and every compiled function that it calls, for eight values in a register.
 
+    Parameters
+    ----------
+    law : callable
+        Of plain floats, compiled or not.
+
     Raises
     ------
     ValueError

@@ -91,12 +91,12 @@ def _states(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> int:
 
 @lru_cache(maxsize=64)
 def _kernel(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> Kernel:
-    module = import_stable(kernel_source(base_bodies, effects))
+    module = import_stable(_kernel_source(base_bodies, effects))
     bodies = tuple(body.name for _, body in body_list(effects, base_bodies))
     return Kernel(bodies, _states(base_bodies, effects), module.advance, module.run, module.follow, module.forces, module.levels)
 
 
-def kernel_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str:
+def _kernel_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str:
     """Python source of the forward kernel of one combination."""
     writer = Writer(base_bodies, effects)
     everyone = range(len(writer.bodies))
@@ -231,16 +231,16 @@ class Inverse:
 @lru_cache(maxsize=1)
 def inverse_kernel() -> Inverse:
     """The masked inverse of the whole catalogue; each of its functions is compiled once per machine, when it is first called."""
-    others, plain = import_stable(motor_side_source()), import_stable(plain_source())
+    others, plain = import_stable(_motor_side_source()), import_stable(_plain_source())
     return Inverse(after_waiting(load_module().load), plain.load, others.motor, others.torque, others.angle)
 
 
 def load_module() -> ModuleType:
     """The module with the masked load."""
-    return import_stable(load_source())
+    return import_stable(_load_source())
 
 
-def load_source() -> str:
+def _load_source() -> str:
     """Python source of the masked load beyond the motor; the motor's own onset of friction turns what the belt's load adds to it."""
     writer = Writer.masked_kernel(e for e in EFFECTS if not acts_on_motor(e) or e.slot == "friction_onset")
     onset = writer.onsets()[0]
@@ -253,7 +253,7 @@ def load_source() -> str:
     return writer.assemble([_load(writer, "bristle, offset, load, cart, watch", begin, turn, "l0 * z0 - f0", writer.observer_lines())])
 
 
-def plain_source() -> str:
+def _plain_source() -> str:
     """Source of the inverse kernel of the commonest belt alone."""
     writer = Writer.masked_kernel(e for e in EFFECTS if e.name in PLAIN)
     return writer.assemble([_load(writer, "offset, load, cart", [], [], "-f0", [])])
@@ -295,7 +295,7 @@ def _function(head: str, constants: list[str], body: list[str], how: str = "comp
     return [f"@{how}", f"def {head}:", *indent([*needed_lines(constants, body), *body], 1)]
 
 
-def motor_side_source() -> str:
+def _motor_side_source() -> str:
     """Python source of the masked functions of the motor's side."""
     writer = Writer.masked_kernel(EFFECTS)
     rubbing = [f"s{writer.switch[e.name]}" for e in writer.with_level(0) if e.slot == "friction_level"]

@@ -87,14 +87,14 @@ class Tables(NamedTuple):
 
 
 @in_lanes
-def copy(source: Array, target: Array) -> None:
+def _copy(source: Array, target: Array) -> None:
     """Copy an array, as an assignment of slices does, at once."""
     for c in range(target.shape[0]):
         target[c] = source[c]
 
 
 @in_lanes
-def smooth_forces(a: LinearAxis, n: int, x: Array, f: Array) -> None:
+def _smooth_forces(a: LinearAxis, n: int, x: Array, f: Array) -> None:
     """Force on each body but for motor torque and friction."""
     for i in range(n):
         total = a.constant[i]
@@ -104,7 +104,7 @@ def smooth_forces(a: LinearAxis, n: int, x: Array, f: Array) -> None:
 
 
 @in_lanes
-def rates(a: LinearAxis, n: int, x: Array, f: Array, torque: float, slide: Array, w: Array) -> int:
+def _rates(a: LinearAxis, n: int, x: Array, f: Array, torque: float, slide: Array, w: Array) -> int:
     """w = x' and the number of the set that sticks.
 
     Parameters
@@ -130,7 +130,7 @@ def rates(a: LinearAxis, n: int, x: Array, f: Array, torque: float, slide: Array
 
 
 @in_lanes
-def strand_of(a: LinearAxis, n: int, x: Array) -> float:
+def _strand_of(a: LinearAxis, n: int, x: Array) -> float:
     """Belt force, N; of the rates, its rate."""
     total = 0.0
     for c in range(2 * n):
@@ -139,13 +139,13 @@ def strand_of(a: LinearAxis, n: int, x: Array) -> float:
 
 
 @in_lanes
-def direction_from_rest(push: float, level: float) -> float:
+def _direction_from_rest(push: float, level: float) -> float:
     """Direction in which a body at rest is pushed away; 0 where it is held."""
     return 0.0 if abs(push) <= level else math.copysign(1.0, push)
 
 
 @in_lanes
-def polynomial(series: Array, stuck: int, row: int, w: Array, share: float, start: float, p: Array) -> None:
+def _polynomial(series: Array, stuck: int, row: int, w: Array, share: float, start: float, p: Array) -> None:
     """Polynomial over 0..1 of a watched quantity along a share of a piece, into ``p``."""
     for k in range(DEGREE + 1):
         p[k] = 0.0
@@ -161,7 +161,7 @@ def polynomial(series: Array, stuck: int, row: int, w: Array, share: float, star
 
 
 @in_lanes
-def advance_piece(
+def _advance_piece(
     a: LinearAxis, t: Tables, n: int, x: Array, f: Array, torque: float, slide: Array, doubtful: Array, y: Array, after: Array, s: Scratch
 ) -> float:
     """One piece with all that happens in it; x, f and slide in place.
@@ -184,14 +184,14 @@ def advance_piece(
         kept[j] = fresh[j] = 0.0
     share, peak = 1.0, 0.0
     for event in range(_MOST_EVENTS):
-        stuck = rates(a, n, x, f, torque, slide, w)
+        stuck = _rates(a, n, x, f, torque, slide, w)
         first, body = NEVER, -1
         for j in range(watched):
             if (event == 0 and doubtful[j] == 0.0) or kept[j] != 0.0:
                 continue
             i = a.rubbing[j]
             start = x[n + i] if slide[j] != 0.0 else f[i] + (torque if i == 0 else 0.0)
-            polynomial(t.series, stuck, j, w, share, start, p)
+            _polynomial(t.series, stuck, j, w, share, start, p)
             at = NEVER
             if slide[j] != 0.0:
                 for k in range(DEGREE + 1):
@@ -209,18 +209,18 @@ def advance_piece(
             if at < first:
                 first, body = at, j
         part = min(first, 1.0)
-        polynomial(t.series, stuck, watched, w, share, strand_of(a, n, x), p)
+        _polynomial(t.series, stuck, watched, w, share, _strand_of(a, n, x), p)
         peak = max(peak, largest(p, part))
         if body < 0 and event == 0:
-            copy(y, x)
-            copy(after, f)
+            _copy(y, x)
+            _copy(after, f)
             return peak
         for c in range(2 * n):
-            polynomial(t.series, stuck, watched + 1 + c, w, share, x[c], p)
+            _polynomial(t.series, stuck, watched + 1 + c, w, share, x[c], p)
             y[c] = value(p, part)
-        copy(y, x)
+        _copy(y, x)
         if body < 0:
-            smooth_forces(a, n, x, f)
+            _smooth_forces(a, n, x, f)
             return peak
         share *= 1.0 - part
         again = fresh[body] != 0.0 and part == 0.0
@@ -229,14 +229,14 @@ def advance_piece(
                 fresh[j] = 0.0
         i = a.rubbing[body]
         x[n + i] = 0.0
-        smooth_forces(a, n, x, f)
+        _smooth_forces(a, n, x, f)
         push = f[i] + (torque if i == 0 else 0.0)
         if slide[body] == 0.0:
             slide[body], fresh[body] = math.copysign(1.0, push), 1.0
         elif again:  # its force only touched its level
             slide[body], kept[body] = 0.0, 1.0
         else:
-            slide[body] = direction_from_rest(push, a.level[i])
+            slide[body] = _direction_from_rest(push, a.level[i])
     return math.nan
 
 
@@ -278,24 +278,24 @@ def runner(bodies: int) -> Run:
         for j in range(watched):
             speed = x[n + a.rubbing[j]]
             slide[j] = math.copysign(1.0, speed) if speed != 0.0 else 0.0
-        smooth_forces(a, n, x, f)
-        strand = strand_of(a, n, x)
+        _smooth_forces(a, n, x, f)
+        strand = _strand_of(a, n, x)
         for k in range(torques.shape[0]):
             torque = torques[k]
             theta[k], omega[k], cart[k] = x[0], x[n], a.lever * x[a.cart]
             for j in range(watched):
                 i = a.rubbing[j]
                 if x[n + i] == 0.0:  # the torque may have jumped
-                    slide[j] = direction_from_rest(f[i] + (torque if i == 0 else 0.0), a.level[i])
+                    slide[j] = _direction_from_rest(f[i] + (torque if i == 0 else 0.0), a.level[i])
             peak = abs(strand)
             for _ in range(pieces):
-                stuck = rates(a, n, x, f, torque, slide, w)
+                stuck = _rates(a, n, x, f, torque, slide, w)
                 for i in range(size):
                     total = x[i]
                     for c in range(size):
                         total += t.flow[stuck, i, c] * w[c]
                     y[i] = total
-                smooth_forces(a, n, y, after)
+                _smooth_forces(a, n, y, after)
                 calm = True
                 for j in range(watched):
                     i = a.rubbing[j]
@@ -310,18 +310,18 @@ def runner(bodies: int) -> Run:
                     doubtful[j] = 0.0 if left > doubt else 1.0
                     calm = calm and left > doubt
                 if calm:
-                    start, rise = strand, strand_of(a, n, w)
-                    rates(a, n, y, after, torque, slide, end)
-                    strand, fall = strand_of(a, n, y), strand_of(a, n, end)
+                    start, rise = strand, _strand_of(a, n, w)
+                    _rates(a, n, y, after, torque, slide, end)
+                    strand, fall = _strand_of(a, n, y), _strand_of(a, n, end)
                     peak = max(peak, abs(strand))
                     if rise * fall < 0.0 and max(rise * start, rise * strand) > 0.0:
-                        polynomial(t.series, stuck, watched, w, 1.0, start, p)
+                        _polynomial(t.series, stuck, watched, w, 1.0, start, p)
                         peak = max(peak, largest(p, 1.0))
-                    copy(y, x)
-                    copy(after, f)
+                    _copy(y, x)
+                    _copy(after, f)
                 else:
-                    peak = max(peak, advance_piece(a, t, n, x, f, torque, slide, doubtful, y, after, scratch))
-                    strand = strand_of(a, n, x)
+                    peak = max(peak, _advance_piece(a, t, n, x, f, torque, slide, doubtful, y, after, scratch))
+                    strand = _strand_of(a, n, x)
                     if math.isnan(peak):
                         return False
             belt[k] = peak

@@ -48,14 +48,14 @@ def with_memory(watch: ObserverState) -> ObserverState:
 
 
 @inlined
-def results(size: int, noises: int, wide: int) -> tuple[int, int]:
+def _results(size: int, noises: int, wide: int) -> tuple[int, int]:
     """Offsets of P and k."""
     P = (2 + 2 * (size - 2) + 2 * noises) * wide
     return P, P + (size + 1 + size - 2 + noises + size + 1) * wide
 
 
 @inlined
-def predict_covariance(size: int, noises: int, wide: int, share: float, keep: bool, room: Array) -> float:
+def _predict_covariance(size: int, noises: int, wide: int, share: float, keep: bool, room: Array) -> float:
     """k and the covariance ahead, which stand in ``room``; variance of ν, (N m)², 0 where it does not count.
 
     Parameters
@@ -68,7 +68,7 @@ def predict_covariance(size: int, noises: int, wide: int, share: float, keep: bo
         Whether the sample counts.
     """
     own, variance = size - 2, 0.0
-    P, k = results(size, noises, wide)
+    P, k = _results(size, noises, wide)
     F, h = 2 * wide, P + size * wide
     G = F + 2 * own * wide
     f, d = h + wide, room.shape[0] - 3 * noises
@@ -190,12 +190,12 @@ def learn(
     size, noises = gains.shape[1], variances.shape[0]
     if size <= SIZE and noises <= NOISES:
         size, noises, wide = SIZE, NOISES, SIZE
-        variance = predict_covariance(SIZE, NOISES, SIZE, shares[n], keep[n], room)
+        variance = _predict_covariance(SIZE, NOISES, SIZE, shares[n], keep[n], room)
     else:
         size, noises = max(size, SIZE), max(noises, NOISES)
         wide = (size + LANES - 1) // LANES * LANES
-        variance = predict_covariance(size, noises, wide, shares[n], keep[n], room)
-    P, k = results(size, noises, wide)
+        variance = _predict_covariance(size, noises, wide, shares[n], keep[n], room)
+    P, k = _results(size, noises, wide)
     if keep[n]:
         deviations[n] = math.sqrt(variance)
         lost[n] = abs(innovation) > LOST * deviations[n]

@@ -83,11 +83,11 @@ def nystrom_kernel(model: Model) -> Callable[..., None]:
 
 @lru_cache(maxsize=64)
 def _kernel(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> Callable[..., None]:
-    nystrom: Callable[..., None] = import_stable(nystrom_source(base_bodies, effects)).nystrom
+    nystrom: Callable[..., None] = import_stable(_nystrom_source(base_bodies, effects)).nystrom
     return nystrom
 
 
-def nystrom_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str:
+def _nystrom_source(base_bodies: tuple[str, ...], effects: tuple[str, ...]) -> str:
     """Python source of the kernel of one combination."""
     writer = Writer(base_bodies, effects)
     everyone, count = range(len(writer.bodies)), len(writer.bodies)

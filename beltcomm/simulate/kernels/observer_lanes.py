@@ -122,7 +122,7 @@ def _lay_out(watch: ObserverState, own: int) -> Array:
 
 
 @within_lanes
-def expected_eight(rows: LaneRows, o: Array, share: Vector, left: Vector, nothing: tuple[int, int]) -> Vector:
+def _expected_eight(rows: LaneRows, o: Array, share: Vector, left: Vector, nothing: tuple[int, int]) -> Vector:
     """ν[n] of eight lanes, N m.
 
     Parameters
@@ -140,7 +140,7 @@ def expected_eight(rows: LaneRows, o: Array, share: Vector, left: Vector, nothin
 
 
 @within_lanes
-def learn_eight(rows: LaneRows, o: Array, passes: BoolArray, reaches: BoolArray, share: Vector, kept: Vector) -> Vector:
+def _learn_eight(rows: LaneRows, o: Array, passes: BoolArray, reaches: BoolArray, share: Vector, kept: Vector) -> Vector:
     """Gains of a sample, which stand in ``rows.gains``, and the covariance ahead; the variance of ν, (N m)²."""
     size, own, noises = rows.size, rows.own, rows.noises
     F, G, P, f, g = LANES * rows.F, LANES * rows.G, LANES * rows.P, LANES * rows.f, LANES * rows.g
@@ -200,7 +200,7 @@ def learn_eight(rows: LaneRows, o: Array, passes: BoolArray, reaches: BoolArray,
 
 
 @within_lanes
-def observe_eight(rows: LaneRows, o: Array, passes: BoolArray, share: Vector, innovation: Vector, nothing: tuple[int, int]) -> None:
+def _observe_eight(rows: LaneRows, o: Array, passes: BoolArray, share: Vector, innovation: Vector, nothing: tuple[int, int]) -> None:
     """s[n+1] of eight lanes.
 
     Parameters
@@ -261,7 +261,7 @@ def advance_sample(
     passes, reaches : ndarray of bool
         As of :class:`Observers`.
     carriage : tuple of int
-        See ``expected_eight``.
+        See ``_expected_eight``.
     """
     for c in range(LANES):
         place = n if c < active else 0  # a lane beside the others that go on
@@ -273,10 +273,10 @@ def advance_sample(
         s[SHUT + c] = 0.0
     for c in range(active):
         set_number(where[10, c], n, s[NEW + c])
-    put(s, NEW, expected_eight(rows, o, at(s, SHARE), at(s, NEW), carriage))
+    put(s, NEW, _expected_eight(rows, o, at(s, SHARE), at(s, NEW), carriage))
     gains = LANES * rows.gains
     if learning:
-        put(s, VARIANCE, learn_eight(rows, o, passes, reaches, at(s, SHARE), at(s, KEPT)))
+        put(s, VARIANCE, _learn_eight(rows, o, passes, reaches, at(s, SHARE), at(s, KEPT)))
         for c in range(active):
             set_number(where[9, c], n, s[SHARE + c])
             if s[KEPT + c] > 0.0:
@@ -303,7 +303,7 @@ def advance_sample(
         s[DEVIATION + c] = number_at(where[8, c], n)
         if s[KEPT + c] > 0.0:
             set_number(where[11, c], n, s[NEW + c] / s[DEVIATION + c])
-    observe_eight(rows, o, passes, at(s, SHARE), at(s, KEPT) * at(s, NEW), carriage)
+    _observe_eight(rows, o, passes, at(s, SHARE), at(s, KEPT) * at(s, NEW), carriage)
     for c in range(active):  # ``contact``
         wanted = number_at(where[2, c], n)
         astray = s[KEPT + c] > 0.0 and flag_at(where[5, c], n) > 0

@@ -26,7 +26,7 @@ def group(lines: list[str], usual: set[str]) -> tuple[list[str], list[str]]:
     def close() -> None:
         inner = [line for block in run for line in block]
         if len(run) >= FEWEST:
-            tests = dict.fromkeys(test for block in run for test in switches_of(block))
+            tests = dict.fromkeys(test for block in run for test in _switches_of(block))
             out.append(f"if some{len(switches)}:")
             switches.append(f"some{len(switches)} = {' or '.join(tests)}")
             inner = indent(inner, 1)
@@ -34,7 +34,7 @@ def group(lines: list[str], usual: set[str]) -> tuple[list[str], list[str]]:
         run.clear()
 
     for block in blocks(lines):
-        if switches_of(block) and not usual & set(switches_of(block)):
+        if _switches_of(block) and not usual & set(_switches_of(block)):
             run.append(block)
         else:
             close()
@@ -60,7 +60,7 @@ def blocks(lines: list[str]) -> list[list[str]]:
     return found
 
 
-def switches_of(block: list[str]) -> list[str]:
+def _switches_of(block: list[str]) -> list[str]:
     """Switches that a block asks; none where it is more than that."""
     head = block[0]
     return head[3:-1].split(" or ") if head.startswith("if s") and head[4:5].isdigit() and "else:" not in block else []

@@ -56,17 +56,17 @@ def fingerprint(laws: Iterable[Callable[..., object]], modules: Iterable[str]) -
     modules : iterable of str
         By full name.
     """
-    used = set(modules).union(*(modules_of(law) for law in laws))
+    used = set(modules).union(*(_modules_of(law) for law in laws))
     text = "".join(inspect.getsource(sys.modules[module]) for module in sorted(used))
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def modules_of(law: Callable[..., object]) -> set[str]:
+def _modules_of(law: Callable[..., object]) -> set[str]:
     """Modules of a law and of the compiled functions that it calls."""
     plain = getattr(law, "py_func", law)
     called = [plain.__globals__[name] for name in plain.__code__.co_names if name in plain.__globals__]
     written = {definition.__module__ for other in called if (definition := getattr(other, "_defn", None))}  # of intrinsics
-    return ({plain.__module__} | written).union(*(modules_of(other) for other in called if hasattr(other, "py_func")))
+    return ({plain.__module__} | written).union(*(_modules_of(other) for other in called if hasattr(other, "py_func")))
 
 
 #: rad/s: a stretch that begins faster than this begins in motion, all bodies with the motor (a gap in the middle of a stroke);
@@ -112,7 +112,6 @@ def acts_on_motor(effect: Effect) -> bool:
     Parameters
     ----------
     effect : Effect
-        The effect.
     """
     return effect.slot in ("force", "friction_level", "friction_onset") and effect.body == "motor"
 
@@ -133,6 +132,7 @@ class Writer:
 
         Parameters
         ----------
+        effects : iterable of Effect
         in_vectors : bool
             Whether its variables are those of eight models, and its laws such of ``branchless``.
         """
@@ -156,17 +156,35 @@ class Writer:
     # -- switches ---------------------------------------------------------------------------------------------------------------
 
     def when(self, effect: Effect, lines: list[str]) -> list[str]:
-        """Lines that count only when the effect is on."""
+        """Lines that count only when the effect is on.
+
+        Parameters
+        ----------
+        effect : Effect
+        lines : list of str
+        """
         if not self.masked or not lines:
             return lines
         return [f"if s{self.switch[effect.name]}:", *("    " + line for line in lines)]
 
     def group_effects(self, lines: list[str]) -> tuple[list[str], list[str]]:
-        """Lines that set switches for several effects that are seldom on, and the lines behind them; see ``switch_groups``."""
+        """Lines that set switches for several effects that are seldom on, and the lines behind them; see ``switch_groups``.
+
+        Parameters
+        ----------
+        lines : list of str
+        """
         return group(lines, {f"s{self.switch[name]}" for name in USUAL})
 
     def with_body(self, i: int, lines: list[str]) -> list[str]:
-        """Lines that count only when body i is there."""
+        """Lines that count only when body i is there.
+
+        Parameters
+        ----------
+        i : int
+            Number of the body, 0 for the motor.
+        lines : list of str
+        """
         name = self.bodies[i][1].name
         if not self.masked or i == 0:
             return lines
@@ -175,7 +193,12 @@ class Writer:
         return [f"if {test}:", *("    " + line for line in lines)]
 
     def effects_of_slot(self, slot: str) -> list[Effect]:
-        """Effects of a slot that have a law."""
+        """Effects of a slot that have a law.
+
+        Parameters
+        ----------
+        slot : str
+        """
         return [e for e in self.effects if e.slot == slot and e.law is not None]
 
     # -- names ------------------------------------------------------------------------------------------------------------------
@@ -185,6 +208,8 @@ class Writer:
 
         Parameters
         ----------
+        function : callable
+            Of an effect or of the kernels' pieces.
         in_lanes : bool
             For a loop over samples that do not know each other, on ``fast_math``.
         """
@@ -195,14 +220,34 @@ class Writer:
         return name
 
     def arguments(self, effect: Effect) -> str:
-        """Arguments of a law behind those of its slot."""
+        """Arguments of a law behind those of its slot.
+
+        Parameters
+        ----------
+        effect : Effect
+
+        Returns
+        -------
+        str
+            Begins with a comma; "" for none.
+        """
         names = [*effect.full_names(), *effect.uses]
         local = {BELT_STIFFNESS: ", k_belt", BELT_DAMPING: ", d_belt"}
         value = "p{}" if self.masked else "p[{}]"
         return "".join(local.get(name) or f", {value.format(self.place[name])}" for name in names)
 
     def coordinate(self, i: int, variable: str, angular: bool) -> str:
-        """Coordinate or speed of body i, in m along the belt unless ``angular``."""
+        """Coordinate or speed of body i, in m along the belt.
+
+        Parameters
+        ----------
+        i : int
+            Number of the body.
+        variable : str
+            First letter of the kernel's variable: q for places, v, w or g for speeds.
+        angular : bool
+            As the body has it: rad for a rotary one.
+        """
         rotary = self.bodies[i][1].rotary
         return f"ratio * {variable}{i}" if rotary and not angular else f"{variable}{i}"
 
@@ -228,7 +273,18 @@ class Writer:
     # -- forces -----------------------------------------------------------------------------------------------------------------
 
     def driving_end(self, speed: str) -> list[str]:
-        """u, du and the lever of the end that drives the belt."""
+        """u, du and the lever of the end that drives the belt.
+
+        Parameters
+        ----------
+        speed : str
+            Letter of the kernel's speeds.
+
+        Returns
+        -------
+        list of str
+            Lines that set them.
+        """
         angle, rate = "q0", f"{speed}0"
         lines = []
         if self.driven is not None and not self.masked:
@@ -256,7 +312,13 @@ class Writer:
         return [*lines, "lever = ratio * gain", f"u = ratio * ({angle} + ahead)", f"du = lever * {rate}"]
 
     def forces(self, speed: str) -> list[str]:
-        """f_i from positions q_i and speeds ``speed``_i; ``strand`` is the belt force between driven end and carriage."""
+        """f_i from positions q_i and speeds ``speed``_i; ``strand`` is the belt force between driven end and carriage.
+
+        Parameters
+        ----------
+        speed : str
+            Letter of the kernel's speeds.
+        """
         count = range(len(self.bodies))
         lines = [f"f{i} = 0.0" for i in count] + ["strand = 0.0", "pull = 0.0", f"x = {self.carriage()}"]
         lines += self.driving_end(speed)
@@ -268,11 +330,18 @@ class Writer:
                 lines += self.when(effect, self.force(effect, speed))
             for element in effect.elements:
                 ends = (*element.ends, element.angular)
-                lines += self.when(effect, self.element(ends, speed, self.law(element.law), self.arguments(effect)))
+                lines += self.when(effect, self._element(ends, speed, self.law(element.law), self.arguments(effect)))
         return [*lines, *self.to_driving_end()]
 
     def force(self, effect: Effect, speed: str) -> list[str]:
-        """Force of one effect on its body; what acts on the carriage acts on the driven body of an axis without a belt."""
+        """Force of one effect on its body; what acts on the carriage acts on the driven body of an axis without a belt.
+
+        Parameters
+        ----------
+        effect : Effect
+        speed : str
+            Letter of the kernel's speeds.
+        """
         assert effect.law is not None
         law, rest = self.law(effect.law), f"t{self.arguments(effect)}"
         lever, angle, rate = ("ratio * ", "ratio * q0", f"ratio * {speed}0") if self.bodies[0][1].rotary else ("", "q0", f"{speed}0")
@@ -302,7 +371,7 @@ class Writer:
                     lines += self.when(effect, [f"slopes = {slope}", "k_belt += slopes[0]", "d_belt += slopes[1]"])
         return lines
 
-    def element(self, ends: tuple[str, str, bool], speed: str, law: str, arguments: str) -> list[str]:
+    def _element(self, ends: tuple[str, str, bool], speed: str, law: str, arguments: str) -> list[str]:
         """Force of one element on its two ends."""
         a, b, angular = ends
         if (a, b) == (DRIVING_END, "cart"):
@@ -337,7 +406,15 @@ class Writer:
     # -- friction ---------------------------------------------------------------------------------------------------------------
 
     def levels(self, speed: str, wanted: range) -> list[str]:
-        """l_i for every wanted body that has set-valued friction; after ``forces``."""
+        """l_i for every wanted body that has set-valued friction; after ``forces``.
+
+        Parameters
+        ----------
+        speed : str
+            Letter of the kernel's speeds.
+        wanted : range
+            Numbers of bodies.
+        """
         lines = []
         for i in wanted:
             if not self.has_level(i):
@@ -352,11 +429,23 @@ class Writer:
         return lines
 
     def has_level(self, i: int) -> bool:
-        """True if body i has set-valued friction."""
+        """True if body i has set-valued friction.
+
+        Parameters
+        ----------
+        i : int
+            Number of the body.
+        """
         return bool(self.with_level(i))
 
     def with_level(self, i: int) -> list[Effect]:
-        """Effects that give body i set-valued friction."""
+        """Effects that give body i set-valued friction.
+
+        Parameters
+        ----------
+        i : int
+            Number of the body.
+        """
         return [e for e in self.effects if e.slot in ("friction_level", "load_friction") and self.number.get(e.body) == i]
 
     def onsets(self) -> dict[int, Effect]:
@@ -364,7 +453,15 @@ class Writer:
         return {self.number[e.body]: e for e in self.effects_of_slot("friction_onset") if e.body in self.number}
 
     def turn(self, i: int, step: str) -> str:
-        """Line that turns the friction of body i round over a step, m at the belt."""
+        """Line that turns the friction of body i round over a step.
+
+        Parameters
+        ----------
+        i : int
+            Number of the body.
+        step : str
+            Expression in m at the belt.
+        """
         effect = self.onsets()[i]
         assert effect.law is not None
         return f"z{i} = {self.law(effect.law)}({step}, z{i}{self.arguments(effect)})"
@@ -373,6 +470,16 @@ class Writer:
         """New velocities of all bodies of a forward kernel; leaves f_i, strand and l_i of the second pass.
 
         One text for both passes, in the first of which the mean of old and new is the old velocity: half as much to compile.
+
+        Parameters
+        ----------
+        torque : str
+            Expression of the torque at the motor, N m.
+
+        Returns
+        -------
+        list of str
+            Lines.
         """
         everyone = range(len(self.bodies))
         step = [f"w{i} = 0.5 * (v{i} + g{i})" for i in everyone] + self.forces("w") + self.levels("w", everyone)
@@ -435,16 +542,49 @@ class Writer:
     # -- how a stretch begins ---------------------------------------------------------------------------------------------------
 
     def start(self, i: int) -> str:
-        """Position of body i when the belt is not stretched and the motor is at ``q0``."""
+        """Position of body i when the belt is not stretched and the motor is at ``q0``.
+
+        Parameters
+        ----------
+        i : int
+            Number of the body.
+
+        Returns
+        -------
+        str
+            Expression.
+        """
         rotary = self.bodies[i][1].rotary
         return "q0" if rotary == self.bodies[0][1].rotary else "u"
 
     def follow(self, i: int) -> str:
-        """Speed of body i when it goes with the motor."""
+        """Speed of body i when it goes with the motor.
+
+        Parameters
+        ----------
+        i : int
+            Number of the body.
+
+        Returns
+        -------
+        str
+            Expression.
+        """
         return "first" if self.bodies[i][1].rotary == self.bodies[0][1].rotary else "lever * first"
 
     def assemble(self, functions: list[list[str]]) -> str:
-        """The module: imports, compiled laws, functions, and a hash of all laws (a changed law must not meet old machine code)."""
+        """The module: imports, compiled laws, functions, and a hash of all laws (a changed law must not meet old machine code).
+
+        Parameters
+        ----------
+        functions : list of list of str
+            Lines of each.
+
+        Returns
+        -------
+        str
+            Python source.
+        """
         body = "\n\n\n".join("\n".join(part) for part in functions)
         imports = [f"from {law.__module__} import {law.__name__} as _{name}" for name, law in sorted(self.laws.items())]
         single = "in_vectors(_{0})" if self.in_vectors else "within_kernels(getattr(_{0}, 'py_func', _{0}))"

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from beltcomm.arrays import Array, ComplexArray
+from beltcomm.arrays import Array, ComplexArray, decibels
 from beltcomm.control import Cascade, PrefilterKind
 from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.prefilters import continuous_prefilter
@@ -30,7 +30,13 @@ Lines = Sequence[tuple[str, str, object, ComplexArray]]
 
 
 def figures(study: Designs, caption: style.Caption) -> Mapping[str, Figure]:
-    """The figures by name."""
+    """The figures by name.
+
+    Parameters
+    ----------
+    study : Designs
+    caption : style.Caption
+    """
     plant = study.plants[0]
     made = {
         "designs_4_3_prefilters": _prefilters(plant, caption),
@@ -50,7 +56,7 @@ def _bode(
     made = style.figure(title, 6.4, caption, [sentence])
     upper, lower = made.subplots(2, 1, sharex=True)
     for label, colour, line, values in curves:
-        upper.plot(HZ, 20.0 * np.log10(np.abs(values)), color=colour, linestyle=line, linewidth=1.5, label=label)
+        upper.plot(HZ, decibels(values), color=colour, linestyle=line, linewidth=1.5, label=label)
         lower.plot(HZ, np.degrees(np.unwrap(np.angle(values))), color=colour, linestyle=line, linewidth=1.5)
     for name, omega in (("f_z", plant.antiresonance_rad_s), ("f_r", plant.resonance_rad_s)):
         for axes in (upper, lower):
@@ -140,7 +146,7 @@ def _loops(
     return made
 
 
-def step_response(loop: ComplexArray, omega_rad_s: Array, t_s: Array) -> Array:
+def _step_response(loop: ComplexArray, omega_rad_s: Array, t_s: Array) -> Array:
     """Step of the closed loop L/(1 + L):  (2/π) ∫ Re T(jω) sin(ωt)/ω dω,  for a stable loop; (len(t),).
 
     Parameters
@@ -167,7 +173,7 @@ def _steps(study: Designs, plant: DesignPlant, caption: style.Caption) -> Figure
             t = np.linspace(0.0, end, 120)
             for label, colour, line, cascade in gains:
                 axes.plot(
-                    1e3 * t, step_response(loop(plant, cascade, omega), omega, t), color=colour, linestyle=line, linewidth=1.5, label=label
+                    1e3 * t, _step_response(loop(plant, cascade, omega), omega, t), color=colour, linestyle=line, linewidth=1.5, label=label
                 )
             axes.axhline(1.0, color="#777777", linewidth=0.8)
             axes.set_xlim(0.0, 1e3 * end)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.figure import Figure
 
+from beltcomm.arrays import decibels
 from beltcomm.design.loops import open_loops
 from beltcomm.design.thesis import velocity_loop
 from beltcomm.errors import UsageError
@@ -19,7 +20,13 @@ DASHED = (0, (4, 2))
 
 
 def figures(study: Discretisation, caption: style.Caption) -> Mapping[str, Figure]:
-    """The figures by name."""
+    """The figures by name.
+
+    Parameters
+    ----------
+    study : Discretisation
+    caption : style.Caption
+    """
     return {"discretisation_parts": _parts(study, caption), "discretisation_velocity_loop": _loop(study, caption)}
 
 
@@ -73,7 +80,7 @@ def _loop(study: Discretisation, caption: style.Caption) -> Figure:
             loop = open_loops(study.plant, study.butterworth.cascade, period, 2.0 * np.pi * own)[0]
             curves.append((f"T {1e3 * period:g} ms", COLOURS[period], own, loop))
         for label, colour, at, values in curves:
-            upper.plot(at, 20.0 * np.log10(np.abs(values)), color=colour, linewidth=1.4, label=label)
+            upper.plot(at, decibels(values), color=colour, linewidth=1.4, label=label)
             lower.plot(at, np.degrees(np.unwrap(np.angle(values))), color=colour, linewidth=1.4)
         upper.axhline(0.0, color="#777777", linewidth=0.8)
         upper.set_xscale("log")

@@ -19,7 +19,13 @@ HIGH_PASS, EVENTS, GATE, COMBINED = style.HELD_OUT, style.RESIDUAL, style.SEVERE
 
 
 def figures(study: EstimatorStudy, caption: style.Caption) -> Mapping[str, Figure]:
-    """All figures of the topic by file name."""
+    """All figures of the topic by file name.
+
+    Parameters
+    ----------
+    study : EstimatorStudy
+    caption : style.Caption
+    """
     with style.styled():
         return {
             "figure_6_1_high_pass": _high_pass(study, caption),

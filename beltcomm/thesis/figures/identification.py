@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.figure import Figure
 
+from beltcomm.arrays import decibels
 from beltcomm.report.style import FAINT, HELD_OUT, MEASURED, MODEL, RESIDUAL, SEVERE, Caption, figure, styled
 from beltcomm.thesis.identification import IdentificationStudy
 
@@ -21,18 +22,27 @@ SHOWN = {
 
 
 def figures(study: IdentificationStudy, caption: Caption) -> Mapping[str, Figure]:
-    """Magnitudes with the true one and the controller, their errors below; scatter over averaged periods."""
+    """Magnitudes with the true one and the controller, their errors below; scatter over averaged periods.
+
+    Parameters
+    ----------
+    study : IdentificationStudy
+    caption : Caption
+
+    Returns
+    -------
+    mapping of str to Figure
+        By the name of the file.
+    """
     with styled():
         ways = figure("Open loop, direct, indirect, speed setpoint: the same axis (figure 3.6)", 6.0, caption)
         top, below = ways.subplots(2, 1, sharex=True, height_ratios=(3, 2))
-        top.semilogx(study.freq_hz, 20 * np.log10(np.abs(study.true)), color=MEASURED, linewidth=1.8, label="true, moving")
-        top.semilogx(
-            study.freq_hz, 20 * np.log10(np.abs(study.controller)), color=MEASURED, linestyle=":", label="controller C (weak), N m/rad"
-        )
+        top.semilogx(study.freq_hz, decibels(study.true), color=MEASURED, linewidth=1.8, label="true, moving")
+        top.semilogx(study.freq_hz, decibels(study.controller), color=MEASURED, linestyle=":", label="controller C (weak), N m/rad")
         for way in study.ways:
             if way.name in SHOWN:
                 found = way.response
-                top.semilogx(found.freq_hz, 20 * np.log10(np.abs(found.h)), color=SHOWN[way.name], linewidth=1.0, label=way.name)
+                top.semilogx(found.freq_hz, decibels(found.h), color=SHOWN[way.name], linewidth=1.0, label=way.name)
                 true = np.interp(found.freq_hz, study.freq_hz, np.abs(study.true))
                 below.semilogx(found.freq_hz, 20 * np.log10(np.abs(found.h) / true), color=SHOWN[way.name], linewidth=1.0)
         top.set(ylabel="gain in dB, rad/(N m)")
@@ -56,7 +66,7 @@ def _current_loop(study: IdentificationStudy, caption: Caption) -> Figure:
         made = figure("Influence of the current loop on the direct estimate (figure 3.5)", 4.6, caption)
         top, below = made.subplots(2, 1, sharex=True)
         for name, found, colour in (("from the setpoint", study.by_setpoint, SEVERE), ("from the acting torque", study.by_torque, MODEL)):
-            top.semilogx(found.freq_hz, 20 * np.log10(np.abs(found.h)), color=colour, linewidth=1.0, label=name)
+            top.semilogx(found.freq_hz, decibels(found.h), color=colour, linewidth=1.0, label=name)
             below.semilogx(found.freq_hz, np.rad2deg(np.unwrap(np.angle(found.h))), color=colour, linewidth=1.0)
         freq = study.by_torque.freq_hz
         late = np.rad2deg(np.unwrap(np.angle(study.by_torque.h))) - 360.0 * freq * study.dead_time.value_s

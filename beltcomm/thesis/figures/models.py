@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.figure import Figure
 
-from beltcomm.arrays import ComplexArray
+from beltcomm.arrays import ComplexArray, decibels
 from beltcomm.report.style import FAINT, HELD_OUT, MEASURED, MODEL, RESIDUAL, SEVERE, Caption, figure, styled
 from beltcomm.thesis.models import AVERAGED, FREQ_HZ, LINES_HZ, TRAVEL_M, ModelStudy
 
@@ -15,7 +15,18 @@ COLOURS = (MEASURED, MODEL, RESIDUAL, SEVERE, HELD_OUT)
 
 
 def figures(study: ModelStudy, caption: Caption) -> Mapping[str, Figure]:
-    """One figure each."""
+    """One figure each.
+
+    Parameters
+    ----------
+    study : ModelStudy
+    caption : Caption
+
+    Returns
+    -------
+    mapping of str to Figure
+        By the name of the file.
+    """
     with styled():
         springs = figure("Belt springs over the travel (figure 2.4)", 3.2, caption)
         axes = springs.subplots()
@@ -26,7 +37,7 @@ def figures(study: ModelStudy, caption: Caption) -> Mapping[str, Figure]:
         noise = figure("Above 500 Hz: one period and the mean of ten (figure 3.7)", 3.2, caption)
         axes = noise.subplots()
         for (n, (freq, h)), colour in zip(study.fine.items(), (FAINT, MODEL), strict=True):
-            axes.plot(freq, 20.0 * np.log10(np.abs(h)), ".", markersize=2, color=colour, label=f"{n} period{'s' if n > 1 else ''}")
+            axes.plot(freq, decibels(h), ".", markersize=2, color=colour, label=f"{n} period{'s' if n > 1 else ''}")
         axes.set(xlabel="frequency in Hz", ylabel="gain in dB, rad/(N m)")
         axes.legend()
         reduced = figure("Lines of a response and those that are fitted (figure 3.9)", 2.0, caption)
@@ -57,13 +68,12 @@ def bode(title: str, curves: Mapping[str, ComplexArray], caption: Caption) -> Fi
     curves : mapping of str to ndarray of complex
         By their names in the legend.
     caption : Caption
-        Command and data.
     """
     with styled():
         shown = figure(title, 4.6, caption)
         gain, phase = shown.subplots(2, 1, sharex=True, height_ratios=(3, 2))
         for (name, h), colour in zip(curves.items(), COLOURS, strict=False):
-            gain.semilogx(FREQ_HZ, 20.0 * np.log10(np.abs(h)), color=colour, label=name)
+            gain.semilogx(FREQ_HZ, decibels(h), color=colour, label=name)
             phase.semilogx(FREQ_HZ, np.degrees(np.unwrap(np.angle(h))), color=colour)
         gain.set(ylabel="gain in dB")
         gain.legend(ncols=2)

@@ -42,7 +42,7 @@ from beltcomm.model.linear import modes, operating_point, sampled_response
 from beltcomm.recording import Recording
 from beltcomm.response import FrequencyResponse, estimate_response
 from beltcomm.thesis import excitations
-from beltcomm.thesis.excitations import BEGIN, COUNTS, LIMITS, NOISE_NM, PERIOD_S, PLACE_M, SECONDS, make_recording
+from beltcomm.thesis.excitations import BEGIN, COUNTS, LIMITS, NOISE_NM, PERIOD_S, PLACE_M, SECONDS, _make_recording
 from benchmarks.speeds.bound import bound
 from benchmarks.speeds.measure import Figure
 
@@ -136,7 +136,7 @@ ESTIMATORS: Mapping[str, Estimator] = {"thesis": by_thesis, "complex": by_comple
 
 def drawn(estimate: Estimator, model: Model, signal: Excitation, seed: int) -> Errors:
     """Errors of one estimator on the record of one seed."""
-    return estimate(make_recording(model, given(signal, seed), seed), model)
+    return estimate(_make_recording(model, given(signal, seed), seed), model)
 
 
 class Draws:

@@ -23,7 +23,7 @@ from scipy.optimize import least_squares
 from beltcomm.model import Model
 from beltcomm.model.linear import modes, operating_point
 from beltcomm.recording import Recording
-from beltcomm.thesis.excitations import PERIOD_S, PLACE_M, make_recording
+from beltcomm.thesis.excitations import PERIOD_S, PLACE_M, _make_recording
 from benchmarks.speeds.estimation import axis, by_complex, by_inverse, by_thesis, given, rms, signal_of
 from benchmarks.speeds.measure import Figure, spread
 
@@ -159,7 +159,7 @@ def run(draws: int) -> Iterator[Figure]:
     for condition in ("linear", "friction"):
         model = axis(condition)
         signal, true = signal_of(model, "prbs"), true_marks(model)
-        records = [make_recording(model, given(signal, seed), seed) for seed in range(FIRST, FIRST + draws)]
+        records = [_make_recording(model, given(signal, seed), seed) for seed in range(FIRST, FIRST + draws)]
         for name, tool in TOOLS.items():
             if "python-control" in name and find_spec("control") is None:
                 continue
