@@ -132,7 +132,6 @@ TYPES: Mapping[str, Any] = {
             "misfit?": SIZE,
             "suspect?": bool,
             "free?": [str],
-            "covariance?": [[float]],
             "remarks?": [str],
             "records?": [str],
             "noted?": [str],

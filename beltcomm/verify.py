@@ -14,8 +14,8 @@ from beltcomm.axis.entries import NO_TARGETS, AxisTargets
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.effects.tilt import GRAVITY_M_S2
 from beltcomm.errors import DataError, Refused, UsageError
+from beltcomm.fit.uncertainty.draws import machines_like
 from beltcomm.model import Model
-from beltcomm.model.value import NORMAL_95
 from beltcomm.quantities import mm
 from beltcomm.recording import Recording
 from beltcomm.simulate.loop import LoopDrive, SetpointGrid, close_loop
@@ -267,8 +267,8 @@ def predict_move(
 def predict_range(model: Model, predict: Callable[[Model, float], TrackingError]) -> tuple[TrackingError, TrackingError] | None:
     """Smallest and largest error over the model and ``RANGE_DRAWS`` machines it may stand for; None where it stands for hardly any.
 
-    Parameters are drawn from their intervals, each by itself, and the belt's stretch at the start from what friction can hold,
-    min(F_c, τ_c/i_t)/c either way: the move before leaves it so, and no motor encoder sees it.
+    Machines are drawn by :func:`beltcomm.fit.uncertainty.draws.machines_like`, and the belt's stretch at the start from what friction can
+    hold, min(F_c, τ_c/i_t)/c either way: the move before leaves it so, and no motor encoder sees it.
 
     Parameters
     ----------
@@ -279,8 +279,8 @@ def predict_range(model: Model, predict: Callable[[Model, float], TrackingError]
     random = np.random.default_rng(0)
     held = _held_stretch_m(model)
     errors = []
-    for _ in range(RANGE_DRAWS):
-        drawn, stretch = _drawn(model, random), float(random.uniform(-held, held))
+    for drawn in machines_like(model, RANGE_DRAWS, seed=0):
+        stretch = float(random.uniform(-held, held))
         # A law that hardly anything is known of may hold nothing at some place, or let the carriage fly off.
         with suppress(ZeroDivisionError, UsageError, Refused):
             errors.append(predict(drawn, stretch))
@@ -290,19 +290,6 @@ def predict_range(model: Model, predict: Callable[[Model, float], TrackingError]
         errors.append(predict(model, 0.0))
     dynamic, static = [e.dynamic_m for e in errors], [e.static_m for e in errors]
     return TrackingError(min(dynamic), min(static)), TrackingError(max(dynamic), max(static))
-
-
-def _drawn(model: Model, random: np.random.Generator) -> Model:
-    """The model with its fitted parameters drawn from their 95 % intervals, within their bounds.
-
-    What is not known to half of its range is known together with another only (the offset of a chain beside a constant torque, say), and
-    stays where the fit has both.
-    """
-    known = {n: p for n, p in model.parameters.items() if p.interval is not None and p.interval < 0.5 * (p.high - p.low)}
-    deviates = random.standard_normal(len(known)) / NORMAL_95
-    return model.with_values(
-        {n: float(np.clip(p.value + d * (p.interval or 0.0), p.low, p.high)) for (n, p), d in zip(known.items(), deviates, strict=True)}
-    )
 
 
 def _held_stretch_m(model: Model) -> float:

@@ -12,7 +12,9 @@ import yaml
 from beltcomm.axis import load_axis
 from beltcomm.errors import UsageError
 from beltcomm.fit.likelihood.free_parameters import free_parameters
-from beltcomm.model import build_model, load_model, load_plant, model_from_dict
+from beltcomm.fit.uncertainty.draws import machines_like
+from beltcomm.model import Model, build_model, load_model, load_plant, model_from_dict
+from beltcomm.model.covariance import Covariance
 from beltcomm.runfolder import RunFolder
 
 TWO_MASS = ("belt_stiffness", "belt_damping", "viscous", "cart_friction")
@@ -211,3 +213,70 @@ def test_what_is_held_no_fit_moves() -> None:
     assert "cart.mass" not in free_parameters(held)
     assert held.with_values({"cart.mass": 3.0})["cart.mass"] == 3.0  # another known value is held there
     assert "cart.mass" not in free_parameters(held.with_values({"cart.mass": 3.0}))
+
+
+FRICTIONS = ("coulomb.level", "cart_friction.level")
+
+
+def with_a_known_sum(model: Model) -> Model:
+    """Two frictions of which only the sum at the shaft is known, to 1 %, and the inertia, to 1 %."""
+    ratio, level = model["transmission.ratio"], np.array([model[name] for name in FRICTIONS])
+    whole = level[0] + ratio * level[1]
+    apart, along = np.array([1.0, -1.0 / ratio]), np.array([1.0, 1.0 / ratio])
+    pair = (0.3 * whole) ** 2 * np.outer(apart, apart) + (0.005 * whole) ** 2 * np.outer(along, along)
+    matrix = np.zeros((3, 3))
+    matrix[:2, :2], matrix[2, 2] = pair, (0.01 * model["motor.inertia"]) ** 2
+    names = (*FRICTIONS, "motor.inertia")
+    parameters = {**model.parameters, **{n: replace(model.parameters[n], interval=float(1.96 * matrix[i, i] ** 0.5)) for i, n in enumerate(names)}}
+    return replace(model, parameters=parameters, covariance=Covariance(names, matrix, 60.0))
+
+
+def test_machines_like_a_model_keep_a_sum_that_is_known() -> None:
+    """Within their bounds; by the intervals alone the sum is known as badly as its parts."""
+    model = with_a_known_sum(build_model("m", (*TWO_MASS, "coulomb"), {"coulomb.level": 0.08, "cart_friction.level": 6.0}))
+
+    def sums(of: Model) -> list[float]:
+        machines = machines_like(of, 200, seed=4)
+        assert all(machine[name] >= 0.0 for machine in machines for name in FRICTIONS)
+        return [machine["coulomb.level"] + machine["transmission.ratio"] * machine["cart_friction.level"] for machine in machines]
+
+    joint, apart = sums(model), sums(replace(model, covariance=None))
+    assert np.std(joint) / np.mean(joint) == pytest.approx(0.01, rel=0.2)
+    assert np.std(apart) > 10.0 * np.std(joint)
+    assert {m["motor.inertia"] for m in machines_like(model, 5, seed=4, held=("motor.inertia",))} == {model["motor.inertia"]}
+
+
+def test_the_covariance_stays_with_what_it_is_of(tmp_path: Path) -> None:
+    model = with_a_known_sum(build_model("m", (*TWO_MASS, "coulomb"), {"coulomb.level": 0.08, "cart_friction.level": 6.0}))
+    path = tmp_path / "m.yaml"
+    path.write_text(yaml.safe_dump(model.to_dict()), encoding="utf-8")
+    again = load_model(path).covariance
+    assert model.covariance is not None
+    assert again is not None
+    assert (again.names, again.freedom) == (model.covariance.names, 60.0)
+    np.testing.assert_array_equal(again.matrix, model.covariance.matrix)
+    left = model.without_effect("coulomb").covariance
+    assert left is not None
+    assert left.names == ("cart_friction.level", "motor.inertia")
+    np.testing.assert_array_equal(left.matrix, model.covariance.of(left.names))
+    changed = model.with_values({"motor.inertia": 2e-4}).covariance
+    assert changed is not None
+    assert changed.names == FRICTIONS
+    assert model.covariance.of(("cart.mass", "motor.inertia"))[0].tolist() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        ({"names": ["cart.mass"], "rows": [[1.0], [2.0]]}, "rows of 1, 1"),
+        ({"names": ["cart.mass"], "rows": [[float("nan")]]}, "no finite number"),
+        ({"names": ["cart.mass"], "rows": [[-1.0]]}, "below 0"),
+        ({"names": ["coulomb.level"], "rows": [[1.0]]}, "coulomb.level, which it does not have"),
+        ({"rows": [[1.0]]}, "names"),
+        ([1.0], "not a model file"),
+    ],
+)
+def test_a_damaged_covariance_is_told(wrong: object, told: str) -> None:
+    model = build_model("m", TWO_MASS, {})
+    with pytest.raises(UsageError, match=told):
+        model_from_dict({**model.to_dict(), "covariance": wrong})

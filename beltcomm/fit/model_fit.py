@@ -19,10 +19,11 @@ from beltcomm.fit.noise.angle import apparent_step
 from beltcomm.fit.noise.level import noise_colour, torque_noise
 from beltcomm.fit.records import Data, prepare_records
 from beltcomm.fit.torque.path import FAITHFUL, TorquePath
-from beltcomm.fit.uncertainty.intervals import ParameterSpread, parameter_spread, unbounded_estimates, with_intervals
+from beltcomm.fit.uncertainty.intervals import unbounded_estimates, with_intervals
 from beltcomm.fit.uncertainty.nuisance import held_remarks
 from beltcomm.fit.uncertainty.remarks import remark_on, remarks_on_pairs
 from beltcomm.model import Model
+from beltcomm.model.covariance import Covariance
 from beltcomm.recording import Recording
 
 #: s in which the axis moves and samples of them, for each parameter, and s of records for each beside some more, without which nothing is
@@ -95,36 +96,16 @@ class ModelFit:
         """True if the misfit tells whether something is missing."""
         return True
 
-    @cached_property
-    def _spread(self) -> ParameterSpread:
-        return parameter_spread(self.fitted)
-
     @property
-    def freedom(self) -> int:
-        """Degrees of freedom of the intervals (Student)."""
-        return self._spread.freedom
+    def covariance(self) -> Covariance:
+        """Of the fitted parameters."""
+        assert self.model.covariance is not None
+        return self.model.covariance
 
     @property
     def quantile(self) -> float:
         """Half width of a 95 % interval in standard deviations."""
-        return float(stdtrit(self.freedom, 0.975))
-
-    @cached_property
-    def correlation(self) -> Array:
-        """Of the free parameters, (k, k); 0 for one at a bound."""
-        spread = self._spread
-        deviation = np.sqrt(np.maximum(np.diag(spread.covariance), 1e-300))
-        own = spread.covariance / np.outer(deviation, deviation)
-        whole, at = np.zeros((len(self.free), len(self.free))), [self.free.index(name) for name in spread.names]
-        whole[np.ix_(at, at)] = own
-        return whole
-
-    @cached_property
-    def covariance(self) -> Array:
-        """Of the free parameters, (k, k), without regard to bounds, which the intervals know of: else no sum would be known."""
-        share, parameters = self._spread.share_within_bounds(self.model), self.model.parameters
-        deviation = np.array([(parameters[name].interval or 0.0) / (share.get(name, 1.0) * self.quantile) for name in self.free])
-        return np.asarray(self.correlation * np.outer(deviation, deviation))
+        return float(stdtrit(self.covariance.freedom, 0.975))
 
     @cached_property
     def record_misfit(self) -> Mapping[str, float]:
@@ -150,7 +131,7 @@ class ModelFit:
                 "or a record is disturbed; its numbers may be off by more than their intervals"
             )
         told += held_remarks(self.model)
-        told += remarks_on_pairs(self.free, [parameters[name] for name in self.free], self.correlation)
+        told += remarks_on_pairs(self.free, [parameters[name] for name in self.free], self.covariance.correlation(self.free))
         return tuple(remark for remark in told if remark)
 
 

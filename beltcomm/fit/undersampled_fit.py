@@ -7,9 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-
-from beltcomm.arrays import Array
 from beltcomm.fit.model_fit import ModelFit, fit_model
 from beltcomm.fit.start.undersampled import LATE_S, NO_PASSES, SWING_SAMPLED, SeldomEstimate, SteadyPasses, comes_seldom, estimate
 from beltcomm.fit.uncertainty.nuisance import released
@@ -65,12 +62,6 @@ class SeldomFit(ModelFit):
     def judged(self) -> bool:
         """False: what acts between the rows no torque is worked out from."""
         return False
-
-    @cached_property
-    def correlation(self) -> Array:
-        """Of what was fitted, (k, k)."""
-        deviation = np.sqrt(np.maximum(np.diag(self.simulated.covariance), 1e-300))
-        return np.asarray(self.simulated.covariance / np.outer(deviation, deviation))
 
     @cached_property
     def remarks(self) -> tuple[str, ...]:

@@ -138,7 +138,7 @@ def delivered(
         findings.design = replace(findings.design, remarks=(*findings.design.remarks, offline.ONE_PLACE))
     if (remark := referencing.slow_payload(folder.axis, basis.model["cart.mass"], payload_kg)) is not None:
         findings.remarks.append(remark)
-    grounds = grounds_of(folder, basis.model, basis.revision, findings, (payload_kg,) if payload_kg else ())
+    grounds = grounds_of(folder, basis.model, findings, (payload_kg,) if payload_kg else ())
     proof = prove(grounds, findings.design, findings.cascade, basis.recordings, seed=seed)
     lines = proof_lines(proof, grounds, findings.design.specification)
     made: list[str] = []

@@ -18,6 +18,7 @@ from beltcomm.configfiles import find_config, read_yaml
 from beltcomm.effects import BELT_DAMPING, BELT_SPRING, BELT_STIFFNESS, DRIVING_END, Body, Effect, Parameter, effect_named
 from beltcomm.effects.rigid_load import driven
 from beltcomm.errors import UsageError
+from beltcomm.model.covariance import Covariance, covariance_from_dict
 from beltcomm.model.value import Value
 from beltcomm.plant import IDEAL, Instruments, drive_section, drive_values
 from beltcomm.recording.columns import Side
@@ -65,6 +66,11 @@ _OTHER_SIDE: Mapping[str, Mapping[str, tuple[str, float]]] = {
 class Model:
     """Bodies, effects in listed order, and a value for each of their parameters (``owner.parameter``).
 
+    Attributes
+    ----------
+    covariance : Covariance or None
+        Of the parameters that a fit found together; None where their intervals are all that is known.
+
     Raises
     ------
     UsageError
@@ -77,6 +83,7 @@ class Model:
     base_bodies: tuple[str, ...] = ("motor", "cart")
     source: str = ""
     side: Side = "motor"
+    covariance: Covariance | None = field(default=None, compare=False, repr=False)
     _index: Mapping[str, int] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -91,6 +98,8 @@ class Model:
             if not item.low <= item.value <= item.high:
                 bounds = f"{item.low:g}..{item.high:g} {item.unit}"
                 raise UsageError(f"{name} of model {self.name!r} is {item.value:g} {item.unit}, outside {bounds}")
+        if self.covariance is not None and (gone := set(self.covariance.names).difference(expected)):
+            object.__setattr__(self, "covariance", self.covariance.without(gone))
         ordered = {name: self.parameters[name] for name in expected}
         object.__setattr__(self, "parameters", ordered)
         object.__setattr__(self, "_index", {name: i for i, name in enumerate(ordered)})
@@ -169,7 +178,7 @@ class Model:
         return body_list(self.effects, self.base_bodies)
 
     def with_values(self, values: Mapping[str, float], origin: str = "") -> Model:
-        """Model with other numbers; intervals of the changed ones are dropped.
+        """Model with other numbers; intervals and covariance of the changed ones are dropped.
 
         Parameters
         ----------
@@ -195,7 +204,8 @@ class Model:
             old = self.parameters[name]
             low, high = (float(value), float(value)) if old.low == old.high else (old.low, old.high)  # what is held is held there
             changed[name] = replace(old, value=float(value), low=low, high=high, interval=None, origin=origin or old.origin)
-        return replace(self, parameters={**self.parameters, **changed})
+        covariance = self.covariance and self.covariance.without(changed)
+        return replace(self, parameters={**self.parameters, **changed}, covariance=covariance)
 
     def with_vector(self, vector: Array) -> Model:
         """Model with the values of :meth:`vector`, kept within their bounds.
@@ -326,6 +336,7 @@ class Model:
                 }
                 for name, item in self.parameters.items()
             },
+            **({} if self.covariance is None else {"covariance": self.covariance.to_dict()}),
         }
 
 
@@ -564,7 +575,10 @@ def model_from_dict(data: Mapping[str, Any]) -> Model:
             )
             if parameters[name].unit != known.unit:
                 raise UsageError(f"{name} is given in {parameters[name].unit!r}; it must be in {known.unit!r}")
-        return Model(str(data["name"]), effects, parameters, base_bodies, str(data.get("source", "")), side)
+        covariance = covariance_from_dict(data.get("covariance"))
+        if covariance is not None and (unknown := set(covariance.names).difference(expected)):
+            raise UsageError(f"model {data.get('name')!r} has a covariance of {', '.join(sorted(unknown))}, which it does not have")
+        return Model(str(data["name"]), effects, parameters, base_bodies, str(data.get("source", "")), side, covariance)
     except KeyError as error:
         raise UsageError(f"not a model file (it has no entry {error.args[0]!r}); it holds name, effects and parameters") from error
     except (AttributeError, TypeError, ValueError) as error:

@@ -225,14 +225,14 @@ def characteristics(fit: ModelFit, position_m: float) -> dict[str, Characteristi
         return np.array([*resonances, total_friction(model), total_viscous(model)])
 
     here = numbers(fit.model)
-    slopes = []
-    for i, name in enumerate(fit.free):
-        deviation = math.sqrt(fit.covariance[i, i])
+    slopes, covariance = [], fit.covariance
+    for i, name in enumerate(covariance.names):
+        deviation = math.sqrt(covariance.matrix[i, i])
         item = fit.model.parameters[name]
         step = min(0.1 * deviation, 0.5 * (item.high - item.value)) if deviation else 0.0
         slopes.append((numbers(fit.model.with_values({name: item.value + step})) - here) / step if step else np.zeros(len(here)))
     jacobian = np.array(slopes)
-    half = fit.quantile * np.sqrt(np.einsum("ij,ik,kj->j", jacobian, fit.covariance, jacobian))
+    half = fit.quantile * np.sqrt(np.einsum("ij,ik,kj->j", jacobian, covariance.matrix, jacobian))
     shown = slice(2 if fit.model.rigid else 0, None)
     names = ("resonance", "antiresonance", "coulomb_total", "viscous_total")[shown]
     units = ("Hz", "Hz", "N m", "N m s/rad")[shown]

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.special import stdtrit
 
 from beltcomm.control import Cascade
 from beltcomm.design.cascade import DesignResult
@@ -22,7 +21,7 @@ from beltcomm.fit.noise.level import torque_noise
 from beltcomm.fit.residual.segment import segments
 from beltcomm.fit.residual.whitened import squares_left, whitened_residual, with_observer
 from beltcomm.fit.torque.path import FAITHFUL, TorquePath
-from beltcomm.fit.uncertainty.draws import joint_draws
+from beltcomm.fit.uncertainty.draws import machines_like
 from beltcomm.identify.dead_time import DeadTime
 from beltcomm.model import Model
 from beltcomm.model.linear import describes
@@ -41,8 +40,6 @@ from beltcomm.verify import LEAST_DRAWN
 
 #: Draws of the parameters, and the most closed loops that are judged: half a second.
 DRAWS, MOST_LOOPS = 160, 1600
-#: Intervals over standard deviations that differ by less are of one fit; files round.
-SAME_SHARE = 1.01
 #: Parameters whose place the design's own dampings take.
 DAMPINGS = ("viscous.damping", "viscous_cart.damping")
 #: What a single record may change of the model to be explained: the load and how it hangs on the motor, friction with it.
@@ -180,8 +177,9 @@ class Grounds:
         From setpoint to torque, with ``dead_time`` where it was measured.
     apparent_nm_s_rad : float
         Largest damping it counts.
-    fit : dict of str to Any or None
-        ``results/fit.yaml``, None where the model is not that fit's. counts_per_rev, path (to the torque that acts) : None when not known.
+    counts_per_rev : int or None
+    path : TorquePath or None
+        To the torque that acts.
     """
 
     model: Model
@@ -190,51 +188,36 @@ class Grounds:
     delay_s: float
     dead_time: DeadTime | None
     apparent_nm_s_rad: float
-    fit: Mapping[str, Any] | None
     counts_per_rev: int | None
     path: TorquePath | None = None
 
 
-def grounds_of(folder: RunFolder, model: Model, revision: str, findings: Findings, payloads_kg: Sequence[float]) -> Grounds:
+def grounds_of(folder: RunFolder, model: Model, findings: Findings, payloads_kg: Sequence[float]) -> Grounds:
     """Grounds that the design of a run rests on.
 
     Parameters
     ----------
     folder : RunFolder
     model : Model
-    revision : str
-        Of the model, "" where it is the last fit's own.
     findings : Findings
         With delay, damping and torque path.
     payloads_kg : sequence of float, kg
         Further ones.
     """
-    travel, fit = folder.axis.travel, folder.load_result("fit") if not revision else None
     try:
         counts: int | None = counts_of(folder)
     except (DataError, UsageError):
         counts = None
     return Grounds(
         model,
-        travel.ends_m,
+        folder.axis.travel.ends_m,
         (0.0, *payloads_kg),
         delay(findings),
         findings.dead_time,
         analyse.apparent_damping(findings.thesis),
-        fit if fit and _same_fit(fit, model) else None,
         counts,
         findings.path,
     )
-
-
-def _same_fit(fit: Mapping[str, Any], model: Model) -> bool:
-    """True if a saved fit is that of a model: the same parameters, and the intervals that its covariance gives, or less by their bounds."""
-    free, covariance = fit.get("free") or (), fit.get("covariance") or ()
-    if not set(free) <= set(model.parameters) or {len(covariance), *map(len, covariance)} != {len(free)}:
-        return False
-    known = [(i, float(model.parameters[n].interval or 0.0)) for i, n in enumerate(free) if model.parameters[n].interval]
-    ratios = [interval / np.sqrt(covariance[i][i]) for i, interval in known if covariance[i][i] > 0.0]
-    return bool(ratios) and 1.0 / SAME_SHARE <= max(ratios) / float(stdtrit(float(fit["freedom"]), 0.975)) <= SAME_SHARE
 
 
 def prove(grounds: Grounds, design: DesignResult, cascade: Cascade, recordings: Sequence[Recording], *, seed: int = 0) -> DesignProof:
@@ -319,27 +302,16 @@ def plant_responses(recordings: Sequence[Recording], delay_s: float) -> list[tup
 
 def _on_draws(grounds: Grounds, cascade: Cascade, period_s: float, seed: int) -> tuple[MarginSpread, str]:
     """The spread of margins over joint draws of the model's parameters and the delay, and where their uncertainty comes from."""
-    model, fit = grounds.model, grounds.fit
-    # A parameter that stands at a bound has no interval; the fit's covariance has it nevertheless.
-    names = tuple(fit["free"]) if fit else tuple(n for n, item in model.parameters.items() if item.interval)
-    if fit:
-        covariance, freedom, source = np.array(fit["covariance"]), float(fit["freedom"]), "the fit's covariance"
-    else:
-        covariance = np.diag([(float(model.parameters[n].interval or 0.0) / NORMAL_95) ** 2 for n in names])
-        freedom, source = np.inf, "the model's intervals, taken as independent"
-    mean, late = np.array([model[n] for n in names]), grounds.dead_time
-    low, high = (np.array([getattr(model.parameters[n], end) for n in names]) for end in ("low", "high"))
+    model, late = grounds.model, grounds.dead_time
+    source = "the fit's covariance" if model.covariance else "the model's intervals, taken as independent"
     variants = len(_plants(grounds, model, grounds.delay_s))
     count = min(DRAWS, max(MOST_LOOPS // variants, 1))
-    values = joint_draws(mean, covariance, low, high, count, freedom=freedom, seed=seed)
     spread_s = late.interval_s / NORMAL_95 if late else 0.0
     delays = np.maximum(grounds.delay_s + spread_s * np.random.default_rng((seed, 1)).standard_normal(count), 0.0)
-    # Every damping between none and the apparent one is a plant of its own anyway, so the drawn one would only change which.
-    drawn = [i for i, name in enumerate(names) if name not in DAMPINGS]
     draws = []
-    for row, d in zip(values, delays, strict=True):
+    # Every damping between none and the apparent one is a plant of its own anyway, so the drawn one would only change which.
+    for machine, d in zip(machines_like(model, count, seed=seed, held=DAMPINGS), delays, strict=True):
         with suppress(UsageError):  # a law that hardly anything is known of may leave no stiffness at an end of the travel
-            machine = model.with_values({names[i]: float(row[i]) for i in drawn})
             if all(describes(machine, x) for x in grounds.positions_m):  # nor length to a section of the belt
                 draws.append(_plants(grounds, machine, float(d)))
     if len(draws) < LEAST_DRAWN * count:

@@ -116,7 +116,7 @@ def parameters_from_dict(data: Mapping[str, Any]) -> dict[str, ParameterObject]:
 
 
 def fit_to_dict(fit: ModelFit) -> dict[str, Any]:
-    """Everything of a fit but the model's own numbers, which stand in ``models/``.
+    """Everything of a fit but the model's own numbers and their covariance, which stand in ``models/``.
 
     Parameters
     ----------
@@ -126,15 +126,12 @@ def fit_to_dict(fit: ModelFit) -> dict[str, Any]:
     return {
         "model": fit.model.name,
         "free": list(fit.free),
-        "correlation": plain(fit.correlation),
-        "covariance": plain(fit.covariance),
         "misfit": fit.misfit,
         "suspect": bool(fit.suspect),
         "held_out_misfit": fit.held_out_misfit,
         "record_misfit": plain(fit.record_misfit),
         "samples": fit.samples,
         "noise_nm": fit.noise_nm,
-        "freedom": fit.freedom,
         "remarks": list(fit.remarks),
     }
 

@@ -120,13 +120,15 @@ def test_a_machine_of_the_models_kind_is_explained_to_the_noise(which: str, requ
 
 def test_what_the_fit_reports_agrees_with_itself(g_b: Case) -> None:
     fit = g_b.fit
-    deviation = np.sqrt(np.diag(fit.covariance))
-    for i, name in enumerate(fit.free):
+    assert set(fit.covariance.names) == set(fit.free)
+    deviation = np.sqrt(np.diag(fit.covariance.matrix))
+    for i, name in enumerate(fit.covariance.names):
         assert half(fit, name) == pytest.approx(fit.quantile * deviation[i], rel=1e-9)
-    np.testing.assert_allclose(fit.covariance, fit.correlation * np.outer(deviation, deviation), rtol=1e-9)
-    np.testing.assert_allclose(np.diag(fit.correlation), 1.0, rtol=1e-9)
-    np.testing.assert_allclose(fit.correlation, fit.correlation.T, atol=1e-12)
-    assert np.all(np.linalg.eigvalsh(fit.correlation) > 0.0)
+    correlation = fit.covariance.correlation(fit.covariance.names)
+    np.testing.assert_allclose(fit.covariance.matrix, correlation * np.outer(deviation, deviation), rtol=1e-9)
+    np.testing.assert_allclose(np.diag(correlation), 1.0, rtol=1e-9)
+    np.testing.assert_allclose(correlation, correlation.T, atol=1e-12)
+    assert np.all(np.linalg.eigvalsh(correlation) > 0.0)
     assert fit.quantile > 1.96  # Student, never narrower than normal
 
 
@@ -181,7 +183,7 @@ def test_held_out_records_judge_and_do_not_fit(g_b: Case) -> None:
     away = Recorder(99, noise_nm=9e-3).shaken(plant, 0.25, 2, "away", held_out=True)
     fit = fit_model([away, *g_b.records], g_b.start, counts_per_rev=COUNTS)
     np.testing.assert_array_equal(fit.model.vector(), g_b.fit.model.vector())
-    np.testing.assert_array_equal(fit.covariance, g_b.fit.covariance)
+    np.testing.assert_array_equal(fit.covariance.matrix, g_b.fit.covariance.matrix)
     assert (fit.misfit, fit.samples, fit.noise_nm) == (g_b.fit.misfit, g_b.fit.samples, g_b.fit.noise_nm)
     assert fit.held_out_misfit == pytest.approx(fit.record_misfit["away"], rel=1e-12)
     # Torque noise of 9 instead of 6 mN m on the same encoder: (81/2 + 6 g²)/(36/2 + 6 g²) with g of the residual's module.

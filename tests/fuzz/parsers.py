@@ -74,6 +74,8 @@ def recording_text(separator: str = ",") -> str:
     )
 
 
+#: Of two parameters of the plant.
+COVARIANCE = b"covariance: {names: [cart.mass, motor.inertia], rows: [[0.0001], [-0.0000001, 0.000000001]], freedom: 40.0}\n"
 SIDECAR = """experiment: frf
 start_position_m: 0.25
 session_time_s: 12.3
@@ -103,7 +105,7 @@ REVISIONS = """revisions:
 #: Of results that commands read: what is read of each.
 RESULTS: dict[str, dict[str, Any]] = {
     "fit": {
-        **{"misfit": 1.02, "suspect": False, "free": ["cart.mass"], "covariance": [[1e-4]], "records": ["frf_1"]},
+        **{"misfit": 1.02, "suspect": False, "free": ["cart.mass"], "records": ["frf_1"]},
         "characteristics": {"resonance_hz": {"value": 41.2, "interval": 0.1, "unit": "Hz"}},
         "dead_time": {"value_s": 1e-3, "interval_s": 1e-5},
         "torque_path": {
@@ -228,7 +230,7 @@ def parsers(folder: Path) -> dict[str, Parser]:
         "sidecar": Parser("frf_1.yaml", SIDECAR.encode(), load_sidecar),
         "axis": Parser("fuzzed.yaml", shipped("axes", "egc-70-600"), lambda p: load_axis(str(p))),
         "plant": Parser("fuzzed.yaml", shipped("plants", "egc_70"), lambda p: load_plant(str(p))),
-        "model": Parser("fuzzed.yaml", shipped("plants", "g_a"), load_model),
+        "model": Parser("fuzzed.yaml", shipped("plants", "g_a") + COVARIANCE, load_model),
         "drive profile": Parser("fuzzed.yaml", shipped("drives", "cmmp-as"), lambda p: load_profile.__wrapped__(str(p))),
         "study": Parser("fuzzed.yaml", shipped("studies", "tolerances"), load_study),
         "plan": Parser("fuzzed.yaml", PLAN.encode(), load_plan),

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.special import stdtrit
 
 from beltcomm.configfiles import read_yaml, to_yaml, write_text
 from beltcomm.design.design_plant import DesignPlant
@@ -21,7 +20,7 @@ from beltcomm.errors import Refused, UsageError
 from beltcomm.model import Model, load_model
 from beltcomm.recording import Recording
 from beltcomm.rundata import design_proof
-from beltcomm.rundata.design_proof import SAME_SHARE, Grounds, _on_draws
+from beltcomm.rundata.design_proof import Grounds, _on_draws
 from beltcomm.rundata.offline import cascade_of
 from beltcomm.rundata.proof import doubts
 from beltcomm.rundata.store import cascade_from_dict, structure_from_dict
@@ -121,12 +120,9 @@ def test_a_load_that_the_gains_do_not_bear_is_a_doubt(copy_of_complete: Copy, co
 def test_parameters_known_too_badly_make_loops_unstable(copy_of_complete: Copy, complete: Complete) -> None:
     """The same design on a covariance a million times as large: some draws are unstable, and that is an exit code."""
     run = copy_of_complete()
-    path = run / "results" / "fit.yaml"
-    fit = read_yaml(path)
-    fit["covariance"] = (1e6 * np.array(fit["covariance"])).tolist()
-    write_text(path, to_yaml(fit))
     model_path = run / "models" / "final.yaml"
     model = read_yaml(model_path)
+    model["covariance"]["rows"] = [[1e6 * value for value in row] for row in model["covariance"]["rows"]]
     for item in model["parameters"].values():
         if item["interval"]:
             item["interval"] *= 1e6**0.5
@@ -153,7 +149,7 @@ def test_draws_that_are_no_machine_are_left_out_and_said(
     monkeypatch.setattr(design_proof, "_plants", some)
     model = load_model(folder.file("models", "final"))
     cascade, delay_s = cascade_of(folder.load("designs", "final"), model, structure_from_dict(folder.load("results", "drive")))
-    grounds = Grounds(model, (-0.01, 0.57), (0.0,), delay_s, None, 0.06, folder.load("results", "fit"), 65536)
+    grounds = Grounds(model, (-0.01, 0.57), (0.0,), delay_s, None, 0.06, 65536)
     if proven:
         spread, source = _on_draws(grounds, cascade, 1e-3, 0)
         left, whole = (int(word) for word in re.findall(r"of which (\d+) of (\d+) draws make no machine", source)[0])
@@ -165,18 +161,13 @@ def test_draws_that_are_no_machine_are_left_out_and_said(
 
 
 def test_without_a_covariance_the_intervals_count(complete: Complete) -> None:
-    """A model that is not the last fit's: intervals as if independent, which for these correlated parameters is the wider spread."""
+    """A model of an earlier version's run: intervals as if independent, which for these correlated parameters is the wider spread."""
     folder = complete.folder
     saved, model = folder.load("designs", "final"), load_model(folder.file("models", "final"))
-    fit = folder.load("results", "fit")
-    ratios = [
-        model.parameters[n].interval / math.sqrt(fit["covariance"][i][i]) for i, n in enumerate(fit["free"]) if model.parameters[n].interval
-    ]
-    assert max(ratios) == pytest.approx(stdtrit(fit["freedom"], 0.975), rel=SAME_SHARE - 1.0)  # how a fit is known to be that of a model
     cascade, delay_s = cascade_of(saved, model, structure_from_dict(folder.load("results", "drive")))
-    grounds = Grounds(model, (-0.01, 0.57), (0.0,), delay_s, None, 0.06, fit, 65536)
+    grounds = Grounds(model, (-0.01, 0.57), (0.0,), delay_s, None, 0.06, 65536)
     joint, _ = _on_draws(grounds, cascade, 1e-3, 0)
-    apart, source = _on_draws(replace(grounds, fit=None), cascade, 1e-3, 0)
+    apart, source = _on_draws(replace(grounds, model=replace(model, covariance=None)), cascade, 1e-3, 0)
     again, _ = _on_draws(grounds, cascade, 1e-3, 0)
     other, _ = _on_draws(grounds, cascade, 1e-3, 1)
     assert source == "the model's intervals, taken as independent; the delay is assumed"

@@ -22,6 +22,7 @@ from scipy.signal import lfilter
 from beltcomm.arrays import Array
 from beltcomm.errors import DataError
 from beltcomm.model import Model
+from beltcomm.model.covariance import Covariance
 from beltcomm.model.linear import fastest_rate, operating_point
 from beltcomm.model.value import NORMAL_95
 from beltcomm.recording import Recording
@@ -131,8 +132,6 @@ class SeldomEstimate:
     ----------
     names : tuple of str
         Of what was fitted.
-    covariance : ndarray
-        Of that, (k, k).
     late_s, late_half_s : float
         Torque setpoint to acting torque, dead time and time constant of a lag together, s, and half their 95 % interval.
     left_nm : float
@@ -143,7 +142,6 @@ class SeldomEstimate:
 
     model: Model
     names: tuple[str, ...]
-    covariance: Array
     late_s: float
     late_half_s: float
     left_nm: float
@@ -320,9 +318,8 @@ def estimate(
     parts = np.split(rest, np.cumsum([len(one.measured) for one in rows])[:-1])
     torque = np.concatenate([np.diff(part) * inertia / one.sample_s**2 for part, one in zip(parts, rows, strict=True)])
     return SeldomEstimate(
-        replace(model, parameters={**model.parameters, **told}),
+        replace(model, parameters={**model.parameters, **told}, covariance=Covariance(names, covariance, math.inf)),
         names,
-        np.asarray(covariance),
         LATE_S * float(at[-2:].sum()),
         late_half_s,
         float(np.sqrt(np.mean(torque**2))),

@@ -3,14 +3,51 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 
 import numpy as np
 
 from beltcomm.arrays import Array
+from beltcomm.model import Model
+from beltcomm.model.covariance import Covariance
 from beltcomm.model.value import NORMAL_95
 
 #: Draws that an interval is taken from; variance that is none.
 DRAWS, TINY = 1000, 1e-300
+#: A parameter whose interval alone is known, to more than this share of its range, is known together with others only, and stays.
+KNOWN_SHARE = 0.5
+
+
+def machines_like(model: Model, count: int, *, seed: int, held: Collection[str] = ()) -> list[Model]:
+    """Models as uncertain as the parameters of one: by the covariance of its fit, else by its intervals, each by itself.
+
+    Parameters
+    ----------
+    model : Model
+        With the values of its fit.
+    count : int
+        How many.
+    seed : int
+        Of the draws.
+    held : collection of str
+        Full names of what is drawn, but left as it is in the models.
+
+    Returns
+    -------
+    list of Model
+        Within the bounds of the parameters.
+    """
+    known = model.covariance or _of_intervals(model)
+    items = [model.parameters[name] for name in known.names]
+    mean, low, high = (np.array([getattr(item, what) for item in items]) for what in ("value", "low", "high"))
+    rows = joint_draws(mean, known.matrix, low, high, count, freedom=known.freedom, seed=seed)
+    return [model.with_values({n: float(x) for n, x in zip(known.names, row, strict=True) if n not in held}) for row in rows]
+
+
+def _of_intervals(model: Model) -> Covariance:
+    """A diagonal one."""
+    known = {n: p.interval for n, p in model.parameters.items() if p.interval and p.interval < KNOWN_SHARE * (p.high - p.low)}
+    return Covariance(tuple(known), np.diag([(half / NORMAL_95) ** 2 for half in known.values()]), math.inf)
 
 
 def share_within_bounds(mean: Array, covariance: Array, low: Array, freedom: float) -> Array:

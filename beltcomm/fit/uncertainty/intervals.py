@@ -40,6 +40,7 @@ from beltcomm.fit.residual.segment import Segment
 from beltcomm.fit.residual.whitened import noise_paths_of, whitener_of
 from beltcomm.fit.uncertainty.draws import share_within_bounds
 from beltcomm.model import Model
+from beltcomm.model.covariance import Covariance
 
 #: Share of the variance that the noise alone gives, below which the groups' scatter says nothing.
 FAINT = 1e-12
@@ -137,6 +138,13 @@ class ParameterSpread:
         freedom = max(float(np.sum(told) ** 2 / np.sum(told**2)), LEAST_FREEDOM)  # Satterthwaite
         among = np.sqrt(float(np.sum((self.moved @ c) ** 2)) * (records - 1) / records)
         return self.unexplained * float(np.hypot(max(over_time, among * float(stdtrit(freedom, 0.975))), beside))
+
+    def joint(self) -> Covariance:
+        """Covariance whose deviations are those of :meth:`half_width`, without regard to bounds."""
+        free = replace(self, bound=frozenset())
+        deviation = np.array([float(free.half_width({name: 1.0}) or 0.0) for name in self.names]) / float(stdtrit(self.freedom, 0.975))
+        own = np.sqrt(np.maximum(np.diag(self.covariance), 1e-300))
+        return Covariance(self.names, self.covariance / np.outer(own, own) * np.outer(deviation, deviation), self.freedom)
 
     def share_within_bounds(self, model: Model) -> dict[str, float]:
         """Share of the half width of each parameter that is left where no friction is below its bound.
@@ -405,7 +413,7 @@ def with_intervals(fitted: Fitted) -> Model:
         for name in fitted.problem.free:
             half = spread.half_width({name: 1.0})
             parameters[name] = replace(parameters[name], interval=half if half is None else half * share[name])
-        known = replace(fitted.model, parameters=parameters)
+        known = replace(fitted.model, parameters=parameters, covariance=spread.joint())
         _KNOWN[fitted] = fitted.problem.nuisance, known
     return known
 
