@@ -47,8 +47,10 @@ USUAL: Mapping[str, float] = {"coulomb.level": 0.05, "cart_friction.level": 2.0,
 FIRST = ("cart.mass", "belt_stiffness.stiffness", "viscous.damping", "coulomb.level")
 MASSES_KG = (1.0, 6.0, 30.0)
 #: Eigenvalue times step of the simulation, in a search and at its end (a resonance is seen too fast by a 24th of its square); steps a
-#: cell of held torque, longest cell, s; difference quotients, simulations at most.
-STEP, FINE, SUBSTEPS, CELL_S, DIFFERENCE, MOST = 0.3, 0.1, 2, 2.5e-4, 1e-3, 60
+#: cell of held torque, longest cell, s; difference quotients, iterations at most.
+STEP, FINE, SUBSTEPS, CELL_S, DIFFERENCE, MOST = 0.3, 0.1, 2, 2.5e-4, 1e-3, 25
+#: Relative fall of the cost that ends a search: the last one begins beside its end.
+ENOUGH: Mapping[float, float] = {STEP: 1e-5, FINE: 1e-4}
 #: What no parameter differs from its first value by, as a factor; s, blocks of time that are taken as independent.
 FARTHEST, BLOCK_S = math.log(1e3), 0.5
 #: Dampings of the belt that are tried, over the one thought of before.
@@ -292,7 +294,7 @@ def estimate(
     def searched(at: Array, by: float, step: float = STEP) -> tuple[Array, float]:
         """The best values where what is left scatters by so much, and how much that is; a first search says it for a second one."""
         at = np.clip(at, low + DIFFERENCE, high - DIFFERENCE)
-        at = least_squares(cost, at, bounds=(low, high), diff_step=[DIFFERENCE], max_nfev=MOST, args=(by, step)).x
+        at = least_squares(cost, at, bounds=(low, high), diff_step=[DIFFERENCE], max_nfev=MOST, ftol=ENOUGH[step], args=(by, step)).x
         return at, max(float(np.sqrt(np.mean(left(at, step) ** 2))), LEAST)
 
     found = []
