@@ -227,7 +227,10 @@ def with_a_known_sum(model: Model) -> Model:
     matrix = np.zeros((3, 3))
     matrix[:2, :2], matrix[2, 2] = pair, (0.01 * model["motor.inertia"]) ** 2
     names = (*FRICTIONS, "motor.inertia")
-    parameters = {**model.parameters, **{n: replace(model.parameters[n], interval=float(1.96 * matrix[i, i] ** 0.5)) for i, n in enumerate(names)}}
+    parameters = {
+        **model.parameters,
+        **{n: replace(model.parameters[n], interval=float(1.96 * matrix[i, i] ** 0.5)) for i, n in enumerate(names)},
+    }
     return replace(model, parameters=parameters, covariance=Covariance(names, matrix, 60.0))
 
 

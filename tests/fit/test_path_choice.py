@@ -206,7 +206,9 @@ def test_what_a_limit_of_the_slew_rate_is_given_is_the_drives() -> None:
 @pytest.mark.parametrize(("damping", "pairs"), [(0.7, 0), (1.2, 2), (3.0, 2)])
 def test_a_filter_that_does_not_swing_may_be_one_of_the_drive_and_one_of_its_reading(damping: float, pairs: int) -> None:
     law = DriveLaw(1.0, (Lag("second order", (200.0, damping)),))
-    divided = [p for p in ways_of(law, False, PERIOD_S) if p.drive is not None and p.drive.delay == 1.0 and p.drive.lags and p.reading.lags]
+    divided = [
+        p for p in ways_of([(law, False)], PERIOD_S) if p.drive is not None and p.drive.delay == 1.0 and p.drive.lags and p.reading.lags
+    ]
     assert len(divided) == pairs
     omega = 2.0 * np.pi * 200.0
     for path in divided:

@@ -37,6 +37,7 @@ def test_a_healthy_machine_behind_a_drawn_drive_misses_nothing(family: str, seed
     [
         ("rigid", 1200840, []),  # the command behind a filter of its samples, every 5 ms: no lag of 40 ms is tried
         ("rigid", 1200842, []),  # a loop whose shape the reading hides behind its own filter, refitted before it is judged
+        ("rigid", 1200875, []),  # a filter of the command every 10 ms, hidden in the noise of a reading with a filter of its own
         ("instruments", 1200418, []),  # a slew rate behind an inner cycle out of step, read through 1.8 ms
         ("instruments", 1200428, []),  # few values of a coarse encoder, grouped alike for all paths
         ("instruments", 1200408, []),  # a command whose loop is of second order

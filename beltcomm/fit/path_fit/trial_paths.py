@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 from beltcomm.fit.torque.path import DriveLaw, Lag, ReadingLaw, TorquePath
@@ -26,22 +26,26 @@ DAMPING_RATIOS = (0.35, 0.5, 0.7, 1.0)
 DAMPED = 0.9
 
 
-def ways_of(law: DriveLaw, at_end: bool, sample_s: float) -> list[TorquePath]:
-    """All :func:`splits` of a chain, and of that with two filters of first order in place of a damped one of second, each once.
+def ways_of(laws: Sequence[tuple[DriveLaw, bool]], sample_s: float, beside: Sequence[TorquePath] = ()) -> list[TorquePath]:
+    """All :func:`splits` of chains, and of those with two filters of first order in place of a damped one of second, each once.
 
     Parameters
     ----------
-    law : DriveLaw
-        From setpoint to reading.
-    at_end : bool
-        As of :func:`splits`.
+    laws : sequence of tuple of DriveLaw and bool
+        From setpoint to reading, and as of :func:`splits`.
     sample_s : float, s
         Sampling period.
+    beside : sequence of TorquePath
+        Ways that are known.
     """
-    found = dict[tuple[object, ...], TorquePath]()
-    for path in (path for one in _split_second_order(law) for path in splits(one, at_end)):
-        before = path.drive.delay if path.drive is not None else 0.0
-        found.setdefault((*kind_of(path, sample_s), before, path.reading.late), path)
+
+    def key(path: TorquePath) -> tuple[object, ...]:
+        return (*kind_of(path, sample_s), path.drive.delay if path.drive is not None else 0.0, path.reading.late)
+
+    found, known = dict[tuple[object, ...], TorquePath](), {key(path) for path in beside}
+    for path in (path for law, at_end in laws for one in _split_second_order(law) for path in splits(one, at_end)):
+        if key(path) not in known:
+            found.setdefault(key(path), path)
     return list(found.values())
 
 

@@ -502,7 +502,7 @@ def first_path(recording: Recording, start: Model, counts_per_rev: int) -> First
     if chain is None or (by_sheet and _least(recording, start["motor.inertia"], step) >= (1.0 - EXPLAINED) * first.rest):
         return told(faithful, first)
     sample_s = recording.sample_period_s
-    ways = _by_motion(chain.law, sample_s) if reads_command(chain, [recording]) else ways_of(chain.law, chain.at_end, sample_s)
+    ways = _by_motion(chain.law, sample_s) if reads_command(chain, [recording]) else ways_of([(chain.law, chain.at_end)], sample_s)
     others = [path for path in ways if path != faithful]
 
     def best_of(shares: tuple[float, float] = INERTIA_SHARES) -> tuple[TorquePath, FirstEstimate]:

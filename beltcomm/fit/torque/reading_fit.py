@@ -66,6 +66,8 @@ DIFFERENCE = 1e-3
 CLEAR = 10.0
 #: -2 ln L above the best up to which the motion is asked; periods below which a delay beside whole ones is none.
 NEARLY, WHOLE = 60.0, 0.004
+#: Least pole of a filter, and least that it differs from 1 by, in a search.
+LEAST_POLE = 1e-3
 #: A reading that follows its setpoint to this share of it is a command that comes back.
 COMMAND = 1e-4
 
@@ -189,6 +191,39 @@ def _best_chain(pairs: Sequence[Pair], sample_s: float, free: float, colour: flo
     return replace(best, rivals=tuple(one for one in every if one is not best and one.cost < best.cost + NEARLY), delayed=delayed)
 
 
+def longer_chains(recordings: Sequence[Recording], chain: ReadingFit) -> list[ReadingFit]:
+    """Chains with a filter more that explain the readings about as well, the best first: the noise of a reading may hide one.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Those that the chain was fitted to.
+    chain : ReadingFit
+        The chain with the fewest filters.
+    """
+    pairs, sample_s = lively_pairs(recordings)
+    colour, number = _free_rest(pairs)[1], len(chain.law.lags) + 1
+    longer = [(some, at_end) for at_end, every in ((False, CHAINS), (True, AT_END)) for some in every if len(some) == number]
+    usual = [(some, at_end) for some, at_end in longer if "slew rate" not in some]
+    found = [one for some, at_end in usual if (one := _fit_chain(pairs, sample_s, some, colour, at_end)) is not None]
+    for one in tuple(found):
+        kinds = tuple(lag.kind for lag in one.law.lags)
+        if sorted(kinds) == ["first order", "sampled"]:
+            begin = _poles_exchanged(one.law, sample_s)
+            found += [other] if (other := _fit_chain(pairs, sample_s, kinds, colour, one.at_end, begin)) is not None else []
+    return sorted((one for one in found if one.cost < chain.cost + NEARLY), key=lambda one: one.cost)
+
+
+def _poles_exchanged(law: DriveLaw, sample_s: float) -> list[float]:
+    """Unknowns of a filter of the samples and one of first order with their poles exchanged: at the samples nearly the same chain."""
+    values = []
+    for own, other in zip(law.lags, reversed(law.lags), strict=True):
+        pole = math.exp(-sample_s / other.values[0]) if other.kind == "first order" else 1.0 - other.values[0]
+        pole = min(max(pole, LEAST_POLE), 1.0 - LEAST_POLE)
+        values.append(math.log((1.0 - pole) / pole) if own.kind == "sampled" else -math.log(-math.log(pole)))
+    return values
+
+
 def lively_pairs(recordings: Sequence[Recording]) -> tuple[list[Pair], float]:
     """Gapless pieces of setpoint and reading, the liveliest first.
 
@@ -263,7 +298,12 @@ def _predicted_reading(law: DriveLaw, setpoint: Array, sample_s: float, at_end: 
 
 
 def _fit_chain(
-    pairs: Sequence[Pair], sample_s: float, chain: tuple[Kind, ...], colour: float = 0.0, at_end: bool = False
+    pairs: Sequence[Pair],
+    sample_s: float,
+    chain: tuple[Kind, ...],
+    colour: float = 0.0,
+    at_end: bool = False,
+    values: Sequence[float] | None = None,
 ) -> ReadingFit | None:
     """The best values of a chain, from every whole delay.
 
@@ -271,8 +311,12 @@ def _fit_chain(
     ----------
     colour : float
         Of the noise, by which all is whitened.
+    values : sequence of float or None
+        That the search begins with.
     """
     begin = _start(chain, pairs)
+    if values is not None:
+        begin = [(min(max(value, low), high), low, high) for value, (_, low, high) in zip(values, begin, strict=True)]
     samples = sum(len(setpoint) for setpoint, _ in pairs)
 
     few = [(setpoint[:FEW], reading[:FEW]) for setpoint, reading in pairs[:1]]
@@ -313,10 +357,10 @@ def _fit_chain(
     deviation = math.sqrt(2.0 * found.cost / samples * np.linalg.pinv(found.jac.T @ found.jac)[0, 0])
     if abs(found.x[0] - whole) < max(WHOLE, FAR * deviation):
         ends.append((with_delay(found.x, whole), len(begin)))
-    for y, values in ends:
-        cost = samples * math.log(max(float(np.mean(rest_at(y) ** 2)), 1e-300)) + values * math.log(samples)
+    for y, number in ends:
+        cost = samples * math.log(max(float(np.mean(rest_at(y) ** 2)), 1e-300)) + number * math.log(samples)
         if best is None or cost < best[0]:
-            best = (cost, y, values)
+            best = (cost, y, number)
     if best is None:  # no start was finite
         return None
     rest, gain = left(best[1])
