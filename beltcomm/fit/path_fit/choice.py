@@ -33,7 +33,7 @@ from beltcomm.fit.path_fit.trial_paths import (
 from beltcomm.fit.path_fit.values import columns_of, refine_path
 from beltcomm.fit.records import Data, grouped_like, prepare_records, rounding_torque
 from beltcomm.fit.torque.path import DriveLaw, Lag, ReadingLaw, TorquePath
-from beltcomm.fit.torque.reading_fit import COMMAND, WHOLE, ReadingFit, clear_gain, longer_chains, unlikely_readings
+from beltcomm.fit.torque.reading_fit import COMMAND, WHOLE, ReadingFit, clear_gain, hidden_chains, unlikely_readings
 from beltcomm.model import Model
 from beltcomm.model.value import NORMAL_95
 from beltcomm.recording import Recording
@@ -43,7 +43,7 @@ NOTHING = 10.0
 #: Error over the noise up to which a faithful reading is not doubted.
 GOOD = 1.05
 #: Error over the noise from which on a filter is looked for that the noise of the reading hides.
-HIDDEN = 1.2
+HIDDEN = 1.1
 #: Error over the noise from which on more than a path is missing.
 FAR_OFF = 2.0
 #: Largest value over the rms up to which what a reading leaves is rounding of setpoint and reading (2.45), and share of the torque of that.
@@ -151,9 +151,9 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
     trials = _fit_ways(data, lively, start, ways)
     trials = _refine_kinds(data, lively, trials)
     if trials[0][1].ratio > HIDDEN:
-        longer = ways_of([(one.law, one.at_end) for one in longer_chains(to_fit, chain)], sample_s, beside=ways)
-        beyond = _refine_kinds(data, lively, _fit_ways(data, lively, start, longer))
-        ways, trials = [*ways, *longer], sorted([*trials, *beyond], key=lambda trial: _level(trial[1]))
+        hidden = ways_of([(one.law, one.at_end) for one in hidden_chains(to_fit, chain)], sample_s, beside=ways)
+        beyond = _refine_kinds(data, lively, _fit_ways(data, lively, start, hidden))
+        ways, trials = [*ways, *hidden], sorted([*trials, *beyond], key=lambda trial: _level(trial[1]))
     less_likely = {other.at_end: other.cost - chain.cost} if other is not None else {}
     choice = _best_shape(data, lively, _best(trials, chain, less_likely=less_likely))
     if choice.fitted is None or choice.fitted.ratio <= FAR_OFF:

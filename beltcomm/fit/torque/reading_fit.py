@@ -191,8 +191,10 @@ def _best_chain(pairs: Sequence[Pair], sample_s: float, free: float, colour: flo
     return replace(best, rivals=tuple(one for one in every if one is not best and one.cost < best.cost + NEARLY), delayed=delayed)
 
 
-def longer_chains(recordings: Sequence[Recording], chain: ReadingFit) -> list[ReadingFit]:
-    """Chains with a filter more that explain the readings about as well, the best first: the noise of a reading may hide one.
+def hidden_chains(recordings: Sequence[Recording], chain: ReadingFit) -> list[ReadingFit]:
+    """Chains that explain the readings about as well as the one found, the best first: the noise of a reading may hide a filter.
+
+    Of one filter more, and those with the poles of two filters exchanged.
 
     Parameters
     ----------
@@ -206,7 +208,7 @@ def longer_chains(recordings: Sequence[Recording], chain: ReadingFit) -> list[Re
     longer = [(some, at_end) for at_end, every in ((False, CHAINS), (True, AT_END)) for some in every if len(some) == number]
     usual = [(some, at_end) for some, at_end in longer if "slew rate" not in some]
     found = [one for some, at_end in usual if (one := _fit_chain(pairs, sample_s, some, colour, at_end)) is not None]
-    for one in tuple(found):
+    for one in (chain, *chain.rivals, *found):
         kinds = tuple(lag.kind for lag in one.law.lags)
         if sorted(kinds) == ["first order", "sampled"]:
             begin = _poles_exchanged(one.law, sample_s)
