@@ -15,7 +15,7 @@ from beltcomm.fit.least_squares import least_plain_error
 from beltcomm.fit.likelihood.problem import OFFSET_M
 from beltcomm.fit.noise.angle import NOISY
 from beltcomm.fit.noise.decimation import smallest_step
-from beltcomm.fit.noise.level import FEWEST, ORDER, white_noise_deviation
+from beltcomm.fit.noise.level import FEWEST, ORDER, rounding_of_reading, white_noise_deviation
 from beltcomm.fit.path_fit.choice import EXPLAINED, GOOD, PathChoice, choose_path, reads_command
 from beltcomm.fit.path_fit.residual_colour import with_likeliest_colour
 from beltcomm.fit.path_fit.sensor_noise import NoiseSplit, split_noise
@@ -267,12 +267,13 @@ def _with_quieter_torque(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
     What a model leaves above the noise says nothing of the noise, and what it leaves slowly neither: that is the model's.  How rough the
     rest is from value to value no model changes, and where it is less so than the noise would be, the rest of that was excitation.
     """
-    if not is_mostly_rounding(data, fitted.model) and (rough := _roughness(fitted)) < CALMER:
-        quieter = with_noise(data, max(rough, QUIETEST) * data.noise_nm, fitted.model)
+    least_nm = 0.0 if data.path.commanded else min(rounding_of_reading(r) for r in data.recordings)
+    if not is_mostly_rounding(data, fitted.model) and max(rough := _roughness(fitted), least_nm / data.noise_nm) < CALMER:
+        quieter = with_noise(data, max(rough * data.noise_nm, QUIETEST * data.noise_nm, least_nm), fitted.model)
         return quieter, fit(quieter, fitted.model, NEXT_ITERATIONS, offsets=fitted.offsets)
     if fitted.ratio >= 1.0:
         return data, fitted
-    noise = likeliest_noise(data, fitted.model, _residuals(fitted), data.noise_nm)
+    noise = max(likeliest_noise(data, fitted.model, _residuals(fitted), data.noise_nm), least_nm)
     return (replace(data, noise_nm=noise) if noise < QUIET * data.noise_nm else data), fitted
 
 

@@ -12,8 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from beltcomm.arrays import Array
 from beltcomm.effects import EFFECTS
-from beltcomm.fit.noise.level import noise_doubt
+from beltcomm.fit.noise.level import correlation, noise_doubt
 from beltcomm.fit.start.undersampled import SWING_SAMPLED, UNSEEN
 from beltcomm.fit.uncertainty.intervals import rounded_share
 from beltcomm.identify.landmarks import shape_of
@@ -40,6 +41,9 @@ MOSTLY_ROUNDING = 0.5
 TOO_FAR_OFF, HARDLY_LEFT = 3.0, 0.05
 #: Error over the noise up to which the noise of strokes alone explains it: simulated healthy machines read 0.93 to 1.17 there.
 UNDECIDED = 1.2
+#: Error over the noise of a record, and correlation of neighbours, from which on its error changes sign from row to row; share of the
+#: squared error that such records must have.
+FAR_OFF_RECORD, ALTERNATES, MOST_OF_IT = 2.0, -0.4, 0.9
 #: m/s; strokes below it are slow.   m; records further apart are at two places.
 SLOW_M_S, APART_M = 0.08, 0.1
 
@@ -72,6 +76,8 @@ def restrict_to_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tupl
     sentence = _unknown_delivery(found, recordings)
     if sentence and found.verdict != "nothing missing":
         return _without_names(found, OF_DRIVE), [sentence]
+    if sentence := _changes_within_rows(found):
+        return _without_names(found, {name for name, slot in SLOTS.items() if slot in FAST_SLOTS}), [sentence]
     if sentence := _current_loop_within_sample(found) or _structure_of_rounding(found) or _delay_of_path(found):
         return replace(found, verdict="cannot tell"), [sentence]
     unnamed = not_named(found.base.model, recordings)
@@ -199,6 +205,31 @@ def _unknown_delivery(found: Diagnosis, recordings: Sequence[Recording]) -> str:
     return (
         f"Without the torque setpoint {error} cannot be told from a delay or a filter in the drive or in its torque reading{hint}. Record "
         "torque_setpoint_nm too and ask again."
+    )
+
+
+def _changes_within_rows(found: Diagnosis) -> str:
+    """That the torque changes faster than it was recorded, in words; "" where the error does not change its sign from row to row.
+
+    A torque that jumps within a row moves the motor by how early it jumped, which its mean does not tell: what is missing in one row was
+    too much in the row before.
+    """
+    fitted = found.published_base[1]
+    if found.final_fit.ratio < FAR_OFF_RECORD:
+        return ""
+    parts: dict[str, list[Array]] = {}
+    for piece, white in zip(fitted.problem.pieces, np.split(fitted.residual, fitted.problem.ends[1:-1]), strict=True):
+        if len(white) > 1:
+            parts.setdefault(piece.record, []).append(white)
+    power = {name: (sum(float(w @ w) for w in whites), sum(map(len, whites))) for name, whites in parts.items()}
+    fast = [
+        name for name, whites in parts.items() if power[name][0] > FAR_OFF_RECORD**2 * power[name][1] and correlation(whites) < ALTERNATES
+    ]
+    if not fast or sum(power[name][0] for name in fast) < MOST_OF_IT * sum(squares for squares, _ in power.values()):
+        return ""
+    return (
+        f"The error in {', '.join(fast)} changes its sign from row to row, as no effect of an axis does: the torque changes within the "
+        "rows, or the angle is noisier there than it is known to be. Record with a shorter sample period and ask again."
     )
 
 

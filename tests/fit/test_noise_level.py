@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from beltcomm.fit.noise.level import _noise_untold, noise_colour, repeats_itself, torque_noise
+from beltcomm.fit.noise.level import _noise_untold, noise_colour, repeats_itself, rounding_of_reading, torque_noise
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import ExcitationNote, Sidecar
 from identify.records import NOISE_NM, Recorder
@@ -47,6 +47,22 @@ def test_torque_noise_has_a_floor() -> None:
     plant = draw("g_b", np.random.default_rng(16))
     quiet = Recorder(noise_nm=0.0).shaken(plant, 0.3, 1)
     assert torque_noise([quiet], quiet_nm=2e-3) == 2e-3
+
+
+def moved(step_nm: float, noise_nm: float) -> Recording:
+    """Stop and go, read in steps; most of the rows the motor stands, with friction that holds what the controller has left."""
+    torque = np.where(np.arange(6000) % 1000 < 300, 1.2 * np.sin(np.arange(6000) / 23.0), 0.31)
+    read = np.round((torque + np.random.default_rng(4).normal(0.0, noise_nm, 6000)) / step_nm) * step_nm
+    return Recording("moved", 1e-3 * np.arange(6000), read, np.cumsum(torque) * 1e-3, sidecar=Sidecar(experiment="trajectory"))
+
+
+def test_a_torque_read_in_coarse_steps_has_their_noise_at_least() -> None:
+    """Most of its differences are 0; one that is read finely has its own noise, and a switched command none of its own steps."""
+    assert torque_noise([moved(0.05, 3e-3)]) == pytest.approx(0.05 / np.sqrt(12.0), rel=0.02)
+    assert torque_noise([moved(1e-4, 3e-3)]) == pytest.approx(3e-3, rel=0.1)
+    switched = moved(0.05, 0.0)
+    switched = replace(switched, torque=np.where(switched.torque > 0.5, 1.0, -1.0))
+    assert rounding_of_reading(switched) == 0.0
 
 
 @pytest.mark.parametrize("rows", [1300, 1700, 2200, 2800])

@@ -15,6 +15,7 @@ from beltcomm.fit.torque.path import DriveLaw, Lag, TorquePath
 from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, Stage, Verdict
 from beltcomm.laboratory.scope import (
     OF_DRIVE,
+    _changes_within_rows,
     _contact_that_opens,
     _current_loop_within_sample,
     _structure_of_rounding,
@@ -79,3 +80,20 @@ def test_far_above_the_noise_play_is_to_be_felt_for_where_no_effect_explains_any
     base = cast(Fitted, SimpleNamespace(model=model, ratio=ratio))
     found = Diagnosis(base, cast(Data, None), (Stage(base, (), "", (), base),), verdict, (), cast(Scorer, None), cast(Data, None))
     assert ("dial gauge" in _contact_that_opens(found)) == told
+
+
+@pytest.mark.parametrize(
+    ("within", "slowly", "after", "told"),
+    [(20.0, 1.0, 5.0, True), (20.0, 20.0, 5.0, False), (0.5, 1.0, 2.0, False), (20.0, 1.0, 1.1, False)],
+)
+def test_a_torque_that_jumps_within_the_rows_is_told_by_its_sign(within: float, slowly: float, after: float, told: bool) -> None:
+    """What a row lacks was too much in the row before; not where most of the error is slow, or an effect explains it."""
+    random = np.random.default_rng(6)
+    jumps, slow = np.diff(random.normal(size=401)), np.sin(np.linspace(0.0, 20.0, 400))
+    white = [within * jumps + random.normal(size=400), slowly * slow + random.normal(size=400)]
+    pieces = [SimpleNamespace(record=name) for name in ("prbs", "stroke")]
+    problem = SimpleNamespace(pieces=pieces, ends=[0, 400, 800])
+    base, left = (cast(Fitted, SimpleNamespace(model=BASE, ratio=r, problem=problem, residual=np.concatenate(white))) for r in (9.0, after))
+    steps = (Stage(base, (), "elastic_shaft", (), left),)
+    found = Diagnosis(base, cast(Data, None), steps, "partly explained", (), cast(Scorer, None), cast(Data, None))
+    assert ("in prbs changes its sign" in _changes_within_rows(found)) == told

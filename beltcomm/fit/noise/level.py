@@ -13,6 +13,8 @@ from beltcomm.recording import Recording
 
 #: Order of the differences that a smooth torque hardly has, and the higher ones that a fast but smooth excitation has less of.
 ORDER, HIGHER = 4, (6, 8)
+#: Values from which on a torque that comes in steps is read so: a switched excitation has two.
+READ = 20
 #: Share by which a higher order must be lower to count: the estimates of one white noise scatter by some per cent.
 CLEARLY = 1.25
 #: Quantile of |x| of a normal x that a quarter stays below; deviations from which on a step between two rows is a jump; share of the
@@ -300,7 +302,26 @@ def _without_setpoint(recording: Recording) -> Level:
     if not rough:
         return Level(white_noise_deviation(np.diff(recording.torque, ORDER), ORDER), False)
     restless = recording.sidecar.experiment in RESTLESS
-    return Level(min(rough), not restless or min(rough) < MOSTLY * float(np.std(recording.torque)))
+    nm = max(min(rough), rounding_of_reading(recording))
+    return Level(nm, not restless or nm < MOSTLY * float(np.std(recording.torque)))
+
+
+def rounding_of_reading(recording: Recording) -> float:
+    """Noise that a torque read in steps has at least, step/√12, N m rms: most differences of one in coarse steps are 0.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of any kind.
+
+    Returns
+    -------
+    float
+        0 for a command that is held, and one that switches between a few values.
+    """
+    if len(np.unique(recording.torque)) < READ or is_held([recording]):
+        return 0.0
+    return torque_step(recording.torque) / math.sqrt(12.0)
 
 
 def _period_difference(recording: Recording) -> Array | None:
