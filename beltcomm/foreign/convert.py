@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
@@ -22,6 +23,8 @@ from beltcomm.recording.columns import CHANNELS, COMMON, KNOWN_COLUMNS
 
 #: Columns that act over a step; all others are sampled at its beginning.
 _ACTING = tuple(channels[signal] for channels in CHANNELS.values() for signal in ("torque", "torque_setpoint") if signal in channels)
+#: Share of the rows with the stamp before that have all its values, too, where rows were written twice; rates that differ by less are one.
+DOUBLES, SAME_RATE = 0.9, 2e-3
 #: Larger numbers stand for a missing value.
 _NO_MEASUREMENT = 1e18
 #: Columns whose sign --flip turns, by what is named.
@@ -194,9 +197,11 @@ def convert(table: Table, reading: Reading, *, timed: bool = True, turns: Callab
     merged: tuple[str, ...] = ()
     if timed and reading.period_s is None and table.clocks:
         table, sources, merged = on_one_raster(table, sources, kept)
-    if reading.period_s is not None or not timed:
-        sources.pop("t_s", None)
     notes: list[str] = []
+    stamps = sources.pop("t_s", None) if reading.period_s is not None or not timed else None
+    if timed and reading.period_s is not None and stamps is not None:
+        with suppress(DataError):  # stamps that cannot be read are why a rate was given
+            notes += _contradicting_stamps(_scaled(table, stamps, []), reading.period_s)
     columns = {name: _scaled(table, source, notes) for name, source in sources.items()}
     if turns is not None:
         columns["position_rad"], sources["position_rad"] = _from_edges(table, columns, sources, reading, turns)
@@ -323,13 +328,24 @@ def _complete(
 
 
 def _without_doubles(columns: dict[str, Column], rows: NDArray[np.intp], notes: list[str]) -> tuple[dict[str, Column], NDArray[np.intp]]:
-    """Without rows that repeat the one before in every value, time included."""
+    """Without rows that repeat the one before in every value, time included; with coarse stamps an axis at rest makes such rows, too."""
     double = np.logical_and.reduce([column[1:] == column[:-1] for column in columns.values()])
-    if not double.any():
+    if not double.any() or double.sum() < DOUBLES * np.count_nonzero(columns["t_s"][1:] == columns["t_s"][:-1]):
         return columns, rows
     notes.append(f"{int(double.sum())} rows that repeat the row before left out, the first is row {rows[int(np.argmax(double)) + 1] + 1}")
     keep = np.concatenate(([True], ~double))
     return {name: column[keep] for name, column in columns.items()}, rows[keep]
+
+
+def _contradicting_stamps(t_s: Column, period_s: float) -> list[str]:
+    """A sentence where the stamps of a file say another rate than the one that was given, none where they agree."""
+    whole = float(t_s[-1] - t_s[0]) if len(t_s) > 1 else 0.0
+    if not (np.isfinite(whole) and whole > 0.0) or abs((len(t_s) - 1) * period_s / whole - 1.0) < SAME_RATE:
+        return []
+    return [
+        f"its stamps say {(len(t_s) - 1) / whole:.6g} Hz from the first row to the last, --rate or --period {1.0 / period_s:.6g} Hz: "
+        "the given one was taken; an inertia goes with its square"
+    ]
 
 
 def _check_there_is_time(table: Table, columns: Mapping[str, Column]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Any
 
 import numpy as np
@@ -99,6 +100,22 @@ def test_rows_written_twice_are_taken_once() -> None:
     found = converted(time=T[twice], Iq=CURRENT[twice], enc=ENCODER[twice])
     np.testing.assert_array_equal(found.columns["t_s"], T)
     assert found.notes[-1] == "2 rows that repeat the row before left out, the first is row 7"
+
+
+def test_an_axis_at_rest_under_coarse_stamps_is_not_written_twice() -> None:
+    """Stamps of 1 ms at 2 kHz: rows at rest repeat the one before; the rate is that of all rows, to the one or two that the stamps bear."""
+    t_s, still = 5e-4 * np.arange(200), np.arange(200) < 80
+    with pytest.raises(DataError, match="coarser than the sampling") as refused:
+        converted(time=np.round(t_s, 3), Iq=np.where(still, 0.0, CURRENT), enc=np.where(still, 0, ENCODER))
+    (rate,) = re.findall(r"--rate ([\d.]+)Hz", str(refused.value))
+    assert float(rate) == pytest.approx(2000.0, rel=2.0 / 200.0)
+
+
+def test_a_rate_that_the_stamps_contradict_is_told() -> None:
+    told = "its stamps say 1000 Hz from the first row to the last"
+    assert any(told in note for note in converted({"period_s": 1.02e-3}).notes)
+    assert not any("stamps say" in note for note in converted({"period_s": 1e-3}).notes)
+    assert not any("stamps say" in note for note in converted({"period_s": 1e-3}, time=["soon"] * 200).notes)
 
 
 @pytest.mark.parametrize(
