@@ -259,6 +259,7 @@ class SerialLine:
         Parameters
         ----------
         bitrate : int
+            Bit/s.
 
         Raises
         ------

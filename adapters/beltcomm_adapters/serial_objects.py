@@ -144,6 +144,7 @@ class SerialObjects(Objects):
         Parameters
         ----------
         bitrate : int
+            Bit/s.
 
         Raises
         ------

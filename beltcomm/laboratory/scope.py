@@ -228,9 +228,8 @@ def _changes_within_rows(found: Diagnosis) -> str:
     if not fast or sum(power[name][0] for name in fast) < MOST_OF_IT * sum(squares for squares, _ in power.values()):
         return ""
     return (
-        f"The error in {', '.join(fast)} changes its sign from row to row, as no effect of an axis does: the torque changes within the "
-        "rows, or they are interpolated, or the angle is noisier there than it is known to be. Record with a shorter sample period, as "
-        "measured, and ask again."
+        f"The error in {', '.join(fast)} changes its sign from row to row: the torque changes within the rows, or they are interpolated, "
+        "or the angle is noisier than it is known to be. Record with a shorter sample period and without interpolation, and ask again."
     )
 
 

@@ -149,15 +149,14 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
     if not any(path.reading.faithful for path in ways):
         ways.append(faithful)
     trials = _fit_ways(data, lively, start, ways)
-    trials = _refine_kinds(data, lively, trials)
+    trials, hidden = _refine_kinds(data, lively, trials), list[TorquePath]()
     if trials[0][1].ratio > HIDDEN:
         hidden = ways_of([(one.law, one.at_end) for one in hidden_chains(to_fit, chain)], sample_s, beside=ways)
         beyond = _refine_kinds(data, lively, _fit_ways(data, lively, start, hidden))
         trials = sorted([*trials, *beyond], key=lambda trial: _level(trial[1]))
-    plain = len(trials) == len(ways)
     less_likely = {other.at_end: other.cost - chain.cost} if other is not None else {}
     choice = _best_shape(data, lively, _best(trials, chain, less_likely=less_likely))
-    if choice.fitted is None or choice.fitted.ratio <= (FAR_OFF if plain else GOOD):  # with such an effect no filter may be hidden
+    if choice.fitted is None or choice.fitted.ratio <= (GOOD if hidden else FAR_OFF):  # with such an effect no filter may be hidden
         return choice
     others = [path for path in ways if path != choice.path]
     clear = clear_gain(choice.fitted.problem.samples)

@@ -211,8 +211,8 @@ def hidden_chains(recordings: Sequence[Recording], chain: ReadingFit) -> list[Re
     for one in (chain, *chain.rivals, *found):
         kinds = tuple(lag.kind for lag in one.law.lags)
         if sorted(kinds) == ["first order", "sampled"]:
-            begin = _poles_exchanged(one.law, sample_s)
-            found += [other] if (other := _fit_chain(pairs, sample_s, kinds, colour, one.at_end, begin)) is not None else []
+            other = _fit_chain(pairs, sample_s, kinds, colour, one.at_end, _poles_exchanged(one.law, sample_s))
+            found += [] if other is None else [other]
     return sorted((one for one in found if one.cost < chain.cost + NEARLY), key=lambda one: one.cost)
 
 

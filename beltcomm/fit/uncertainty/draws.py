@@ -45,7 +45,7 @@ def machines_like(model: Model, count: int, *, seed: int, held: Collection[str] 
 
 
 def _of_intervals(model: Model) -> Covariance:
-    """A diagonal one."""
+    """Covariance of the parameters that are known by themselves, in their units: diagonal, normal."""
     known = {n: p.interval for n, p in model.parameters.items() if p.interval and p.interval < KNOWN_SHARE * (p.high - p.low)}
     return Covariance(tuple(known), np.diag([(half / NORMAL_95) ** 2 for half in known.values()]), math.inf)
 

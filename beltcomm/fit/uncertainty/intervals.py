@@ -140,11 +140,11 @@ class ParameterSpread:
         return self.unexplained * float(np.hypot(max(over_time, among * float(stdtrit(freedom, 0.975))), beside))
 
     def joint(self) -> Covariance:
-        """Covariance whose deviations are those of :meth:`half_width`, without regard to bounds."""
+        """Covariance in the parameters' units, correlated as over time, its deviations those of :meth:`half_width` without bounds."""
         free = replace(self, bound=frozenset())
         deviation = np.array([float(free.half_width({name: 1.0}) or 0.0) for name in self.names]) / float(stdtrit(self.freedom, 0.975))
-        own = np.sqrt(np.maximum(np.diag(self.covariance), 1e-300))
-        return Covariance(self.names, self.covariance / np.outer(own, own) * np.outer(deviation, deviation), self.freedom)
+        over_time = Covariance(self.names, self.covariance, self.freedom)
+        return replace(over_time, matrix=over_time.correlation(self.names) * np.outer(deviation, deviation))
 
     def share_within_bounds(self, model: Model) -> dict[str, float]:
         """Share of the half width of each parameter that is left where no friction is below its bound.
