@@ -117,12 +117,9 @@ class LaboratoryTab:
             "version": self._version,
             "effects": [{"name": name, "title": effect_named(name).title, "removable": name in view.removable} for name in view.effects],
             "parameters": _in_own_units(view.parameters, terms),
-            "ratio": view.ratio,
+            **{name: getattr(view, name) for name in ("ratio", "missing", "held_out", "plain", "records")},
             "explained": EXPLAINED,
             "evidence": EVIDENCE,
-            "held_out": view.held_out,
-            "plain": view.plain,
-            "records": view.records,
             "places": list(view.places),
             "landmarks": dict(view.landmarks),
             "units": {

@@ -36,6 +36,8 @@ class ResidualView:
     ----------
     stamp : str
         Of the files that it was made of.
+    missing : bool
+        Something is left that is not noise.
     records : Sequence[Mapping[str, Any]]
         As ``compare --json`` has them.
     places : Sequence[Mapping[str, Any]]
@@ -58,6 +60,7 @@ class ResidualView:
     parameters: Mapping[str, Any]
     ratio: float
     held_out: float | None
+    missing: bool
     plain: Mapping[str, Any] | None
     records: Sequence[Mapping[str, Any]]
     places: Sequence[Mapping[str, Any]]
@@ -106,6 +109,7 @@ def view_of(here: Opened, stamp: str) -> ResidualView:
         values_of(with_intervals(here.fitted)),
         found.ratio,
         found.held_out,
+        found.missing,
         plain(found.plain),
         [plain(one) for one in found.records],
         [

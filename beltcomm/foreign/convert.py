@@ -170,6 +170,11 @@ class Converted:
     not_taken: tuple[str, ...]
     notes: tuple[str, ...] = field(default=())
 
+    @property
+    def integrated(self) -> bool:
+        """The position is the integral of a speed that the file has."""
+        return any(name in self.columns and name not in self.sources for name in _POSITIONS)
+
 
 def convert(table: Table, reading: Reading, *, timed: bool = True, turns: Callable[[Column], Column] | None = None) -> Converted:
     """Map, scale, cut and align the columns of a table.

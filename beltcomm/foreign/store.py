@@ -115,7 +115,7 @@ def imported(path: Path, name: str, reading: Reading, sidecar: Sidecar, axis: Ax
         "beltcomm": __version__,
     }
     about |= {f"{key}_sha256": sha256_of(Path(beside)) for key in _BESIDE if (beside := getattr(reading, key)) is not None}
-    noted = replace(sidecar, extra={**sidecar.extra, "import": about})
+    noted = replace(sidecar, position_integrated=converted.integrated, extra={**sidecar.extra, "import": about})
     try:
         recording = recording_from_columns(name, converted.columns, noted, file=str(path))
         checked = recording_from_columns(name, converted.columns, noted, axis, file=str(path))

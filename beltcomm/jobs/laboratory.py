@@ -32,7 +32,7 @@ from beltcomm.recording import Recording
 from beltcomm.result import Result, plain
 from beltcomm.rundata.cost import cost_and_words, with_costs
 from beltcomm.rundata.fitted_run import explainable, open_fitted
-from beltcomm.rundata.headline import EXPLAINED, NextCommand, headline_of
+from beltcomm.rundata.headline import NextCommand, headline_of
 from beltcomm.rundata.headline import next_command as best_step
 from beltcomm.rundata.kept import KEY, kept_or_new
 from beltcomm.rundata.revisions import (
@@ -90,7 +90,7 @@ def _compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
     explainable(comparison.ratio, run)
     chosen = worst(comparison)
     doubt = noise_doubt(comparison.ratio, here.records.recordings)
-    if not doubt and comparison.ratio > EXPLAINED:
+    if not doubt and comparison.missing:
         doubt = sampling_doubt(comparison.ratio, here.fitted.model, here.records.recordings)
     if doubt and (left := unexplained_words({one.name: one.plain for one in comparison.records})):
         doubt += f" {left}"
@@ -149,7 +149,7 @@ def _compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
 def _after_comparison(folder: RunFolder, comparison: Comparison, doubted: bool) -> NextCommand:
     """The command to type next: a search only where something is left to be found."""
     run = pasted(folder.path)
-    if doubted or max(comparison.ratio, comparison.held_out or 0.0) > EXPLAINED:
+    if doubted or comparison.missing:
         return NextCommand(f"beltcomm diagnose {run}", "names what the model lacks")
     if not folder.axis.has_transmission:
         return NextCommand(f"beltcomm report {run}", "everything known of the axis on one page")
@@ -357,8 +357,9 @@ def ladder_of_run(run: Place, *, pictures: bool = True, command: str = "") -> Re
 
 
 def _ratios(comparison: Comparison) -> dict[str, Any]:
-    """``ratio`` and ``plain`` : overall and held out."""
+    """``ratio`` and ``plain`` : overall and held out.   ``missing`` : something is left that is not noise."""
     return {
+        "missing": comparison.missing,
         "ratio": {"overall": comparison.ratio, "held_out": comparison.held_out},
         "plain": {"overall": plain(comparison.plain), "held_out": plain(comparison.plain_held_out)},
     }

@@ -17,7 +17,7 @@ from beltcomm.fit.residual.segment import Segment
 from beltcomm.identify.landmarks import shape_of
 from beltcomm.laboratory.figures import Plain, PlainError
 from beltcomm.laboratory.places import ErrorRegion, worst_places
-from beltcomm.laboratory.samples import Judged, units_of
+from beltcomm.laboratory.samples import Judged, structure, units_of
 from beltcomm.model import Model
 
 #: A place is told when its ratio is this, and this many times that of the rest.
@@ -26,6 +26,16 @@ LEAST_RATIO, LEAST_CONTRAST = 1.06, 1.04
 WORST = 5
 #: In a model that fits as a whole, up to this ratio, only what adds this to its square and stands out by this factor.
 WHOLE, LEAST_WEIGHT, CLEAR_CONTRAST = 1.03, 0.01, 1.5
+#: O per sample up to which a model leaves nothing but noise: how well the noise itself is known, 5 % of its rms.
+NOISE_KNOWN = 1.10
+#: rms of the rest over the noise, of records fitted or held out, from which on it is not noise though single stretches hold all of it: O
+#: gives those up.
+GIVEN_UP = 1.2
+#: Structure of the rest from which on it is not noise (a simulated healthy machine stays below 3); and where the noise is rounding that
+#: goes with the motion, or effects were added, whose law may be another than the machine's.
+STRUCTURED, STRUCTURED_BESIDE = 12.0, 25.0
+#: O per sample below which the noise was taken too large, by a rounding in step with the motion, which has a structure of its own.
+QUIET = 0.93
 
 
 @dataclass(frozen=True)
@@ -57,6 +67,8 @@ class Comparison:
     ----------
     ratio, held_out
         Over all fitted and all held-out records.
+    missing : bool
+        Something is left that is not noise.
     places : tuple of ErrorRegion
         The worst first, over all records.
     plain, plain_held_out : PlainError or None
@@ -65,6 +77,7 @@ class Comparison:
 
     ratio: float
     held_out: float | None
+    missing: bool
     records: tuple[RecordRatio, ...]
     places: tuple[ErrorRegion, ...]
     judged: tuple[Judged, ...]
@@ -104,7 +117,24 @@ def compare(data: Data, fitted: Fitted, band_hz: float | None = None) -> Compari
         plain = _plain_error(own, model, band)
         records.append(RecordRatio(name, own[0].held_out, float(np.sqrt(np.mean(white**2))), len(white), plain))
     whole, held = (_plain_error([part for part in parts if part.held_out is out], model, band) for out in (False, True))
-    return Comparison(fitted.ratio, fitted.held_out_ratio, tuple(records), tuple(worst_places(judged)), tuple(judged), whole, held)
+    missing = is_something_missing(fitted, max(structure(judged).values(), default=0.0))
+    return Comparison(fitted.ratio, fitted.held_out_ratio, missing, tuple(records), tuple(worst_places(judged)), tuple(judged), whole, held)
+
+
+def is_something_missing(fitted: Fitted, left: float) -> bool:
+    """Whether a model leaves more than noise: in size, also in a few stretches alone, or in step with speed, place, time or record.
+
+    Parameters
+    ----------
+    fitted : Fitted
+        To the records.
+    left : float
+        Largest :func:`beltcomm.laboratory.samples.structure` of what it leaves.
+    """
+    level = fitted.objective / fitted.problem.samples if fitted.problem.samples else math.inf
+    rounded = any(piece.own_noise or (piece.group == 1 and piece.observer is None) for piece in fitted.problem.pieces)
+    alone = max(fitted.ratio, fitted.held_out_ratio or 0.0)
+    return not (level < NOISE_KNOWN and alone < GIVEN_UP and left < (STRUCTURED_BESIDE if rounded or level <= QUIET else STRUCTURED))
 
 
 def _judge(piece: Segment, model: Model, white: Array, whole: Array) -> Judged:

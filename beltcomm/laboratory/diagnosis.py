@@ -37,7 +37,7 @@ from beltcomm.laboratory.acceptance import (
     share_left,
     undetermined_effects,
 )
-from beltcomm.laboratory.compare import compare
+from beltcomm.laboratory.compare import GIVEN_UP, QUIET, STRUCTURED_BESIDE, compare, is_something_missing
 from beltcomm.laboratory.coupled_bodies import COUPLING, coupling_candidate, coupling_instead, refit_from_several_stiffnesses
 from beltcomm.laboratory.gaps import converged_gap, gap_from_start, gap_with_delay, is_replaceable_gap
 from beltcomm.laboratory.law_shape import assign_body, fit_law_shapes
@@ -64,13 +64,6 @@ Verdict = Literal["nothing missing", "explained", "partly explained", "none of t
 SETTLED_ITERATIONS = 4
 #: O per sample from which on, beside added effects, it is asked what the base may have swallowed: laws may be others than the machine's.
 BESIDE_ADDED = 1.08
-#: Structure of the rest from which on it is not noise: where nothing was added (a simulated healthy machine stays below 3), and beside
-#: added effects, whose law may be another than the machine's.
-STRUCTURED, STRUCTURED_BESIDE = 12.0, 25.0
-#: O per sample below which the noise was taken too large, by a rounding in step with the motion, which has a structure of its own.
-QUIET = 0.93
-#: O per sample up to which a model leaves nothing but noise: how well the noise itself is known, 5 % of its rms.
-NOISE_KNOWN = 1.10
 #: Share of what lies above the noise that must not be left for a verdict that something was explained.
 MOSTLY_LEFT = 0.9
 #: Factor from which on the error as a whole has grown by an effect; less is the noise, which is calibrated anew.
@@ -546,14 +539,11 @@ def _verdict_of(base: Fitted, steps: Sequence[Stage], twins: tuple[str, ...], le
     if added and share_left(base, after) > MOSTLY_LEFT:
         return NONE_EXPLAINS
     if not added:
-        # Rounding is most of the noise.
-        rounded = any(piece.own_noise or (piece.group == 1 and piece.observer is None) for piece in base.problem.pieces)
-        most = STRUCTURED_BESIDE if rounded or level <= QUIET else STRUCTURED
-        return "nothing missing" if level < NOISE_KNOWN and left < most else NONE_EXPLAINS
+        return NONE_EXPLAINS if is_something_missing(base, left) else "nothing missing"
     undetermined = set(undetermined_effects(with_intervals(after), base.model))
     if added <= undetermined:
         return "cannot tell"
-    if level >= MISSING or left >= STRUCTURED_BESIDE or parameters_at_bounds(after.model, base.model):
+    if level >= MISSING or after.ratio >= GIVEN_UP or left >= STRUCTURED_BESIDE or parameters_at_bounds(after.model, base.model):
         return "partly explained"
     if undetermined or implausible_effects(after.model, base.model):
         return "partly explained"

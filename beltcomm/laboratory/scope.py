@@ -19,8 +19,8 @@ from beltcomm.fit.start.undersampled import SWING_SAMPLED, UNSEEN
 from beltcomm.fit.uncertainty.intervals import rounded_share
 from beltcomm.identify.landmarks import shape_of
 from beltcomm.laboratory.acceptance import EVIDENCE
-from beltcomm.laboratory.compare import compare, unexplained_words
-from beltcomm.laboratory.diagnosis import NOISE_KNOWN, NONE_EXPLAINS, Diagnosis, Stage
+from beltcomm.laboratory.compare import NOISE_KNOWN, compare, unexplained_words
+from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, Stage
 from beltcomm.laboratory.samples import units_of
 from beltcomm.model import Model
 from beltcomm.recording import Recording
@@ -67,6 +67,8 @@ def restrict_to_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tupl
     if doubt and found.verdict != "partly explained":
         left = unexplained_words({one.name: one.plain for one in compare(found.data, found.final_fit).records})
         return replace(found, verdict="cannot tell"), [doubt, *([left] if left else [])]
+    if sentence := _speed_alone(found, recordings):
+        return _without_names(found, OF_DRIVE), [sentence]
     if found.data.path.commanded and _ends_at_drive(found):
         return _without_names(found, OF_DRIVE), [_commanded_only_words(found)]
     stands = found.verdict == "explained" or _acts_slowly(found) or _explains_nearly_all(found)
@@ -120,6 +122,18 @@ def _explains_nearly_all(found: Diagnosis) -> bool:
     pairs = ((base.ratio, after.ratio), (base.held_out_ratio, after.held_out_ratio))
     return base.ratio > TOO_FAR_OFF and all(
         then is not None and now is not None and now**2 - 1.0 < HARDLY_LEFT * (then**2 - 1.0) for then, now in pairs
+    )
+
+
+def _speed_alone(found: Diagnosis, recordings: Sequence[Recording]) -> str:
+    """That a reported speed is filtered and tells no place, in words; "" where a position was recorded or nothing rests on that."""
+    named = next((name for name in found.added_effects if name in OF_DRIVE), "")
+    if not any(r.sidecar.position_integrated for r in recordings) or not (named or found.verdict == NONE_EXPLAINS):
+        return ""
+    hint = f"; {named} fits best" if named else ""
+    return (
+        "The position is the integral of a reported speed, which drives filter: a delay or lag of the torque cannot be told from that "
+        f"filter, nor what goes with the place from a place that is off{hint}. Record the position and ask again."
     )
 
 

@@ -52,6 +52,8 @@ class Ended:
         On it, or why there is none.
     error : float or None
         Of the model over the noise.
+    missing : bool or None
+        Something is left that is not noise.
     doubts : sequence of str
         What of the data sheets the model contradicts, in words.
     sheets : sequence of dict
@@ -61,6 +63,7 @@ class Ended:
     page: str | None
     line: str
     error: float | None = None
+    missing: bool | None = None
     doubts: Sequence[str] = ()
     sheets: Sequence[Mapping[str, Any]] = ()
 
@@ -81,7 +84,7 @@ def at_the_end(run: Path) -> Ended:
     try:
         shown = report(run)
         made = shown.data
-        known = ((made.get("ratio") or {}).get("overall"), made["data_sheet_words"], made["data_sheet"])
+        known = ((made.get("ratio") or {}).get("overall"), made.get("missing"), made["data_sheet_words"], made["data_sheet"])
         if made["page"] is None:
             return Ended(None, f"Note: {shown.text[-1]}", *known)
         return Ended(str(made["page"]), f"Report: {made['page']}", *known)

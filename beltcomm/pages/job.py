@@ -19,7 +19,7 @@ from beltcomm.pages.page_file import admit_page, write_page
 from beltcomm.quantities import mm
 from beltcomm.report.page import Fact, Page, State, render
 from beltcomm.result import Result, plain
-from beltcomm.rundata.headline import EXPLAINED, MEANINGS, headline_of, next_command
+from beltcomm.rundata.headline import MEANINGS, headline_of, next_command
 from beltcomm.sentences import screens
 from beltcomm.sentences.cross_checks import sheet_lines
 from beltcomm.sentences.laboratory import error_words
@@ -139,6 +139,7 @@ def _numbers_of(found: Gathered, page: Page, before: Gathered | None = None) -> 
         "facts": [plain(fact) for fact in page.facts],
         "next": list(page.next_steps),
         "sections": [section.key for section in page.sections],
+        "missing": None if comparison is None else comparison.missing,
         "ratio": None if comparison is None else {"overall": comparison.ratio, "held_out": comparison.held_out},
         "plain": None if comparison is None else plain({"overall": comparison.plain, "held_out": comparison.plain_held_out}),
         "data_sheet": [plain(doubt) for doubt in doubts],
@@ -181,9 +182,9 @@ def _model(run: Gathered) -> Fact:
     found = run.comparison
     if found is None:
         return Fact(tr("Model error"), tr("not compared"), run.remarks[0] if run.remarks else "beltcomm compare says why", "note")
-    _, said, style = screens.model_state(max(found.ratio, found.held_out or 0.0))
+    _, said, style = screens.model_state(max(found.ratio, found.held_out or 0.0), missing=found.missing)
     state: State = "good" if style == "good" else "bad"
-    if found.ratio > EXPLAINED and run.model is not None and (doubt := sampling_doubt(found.ratio, run.model, run.recordings)):
+    if found.missing and run.model is not None and (doubt := sampling_doubt(found.ratio, run.model, run.recordings)):
         said, state = doubt.rstrip("."), "note"
     words = error_words((found.ratio, found.held_out), (found.plain, found.plain_held_out)).partition(", ")[2]
     return Fact(

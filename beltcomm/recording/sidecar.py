@@ -78,6 +78,8 @@ class Sidecar:
         The same of a load that turns, about its own axis.
     load : str
         Name of what was mounted: where nobody knows what it weighs, the fit finds out.
+    position_integrated : bool
+        The position is the integral of a recorded speed, which a drive filters.
 
     Raises
     ------
@@ -99,6 +101,7 @@ class Sidecar:
     extra: Mapping[str, Any] = field(default_factory=dict)
     payload_inertia_kg_m2: float | None = None
     load: str = ""
+    position_integrated: bool = False
 
     def __post_init__(self) -> None:
         _check_choice("experiment", self.experiment, EXPERIMENTS)
@@ -125,8 +128,9 @@ class Sidecar:
         if self.excitation is not None:
             note = {item.name: getattr(self.excitation, item.name) for item in fields(self.excitation)}
             data["excitation"] = {key: list(v) if isinstance(v, tuple) else v for key, v in note.items() if v is not None}
-        if self.finished:  # the contract knows no such key: a finished record needs none
-            del data["finished"]
+        for usual in ("finished", "position_integrated"):  # the contract knows no such keys: most records need none
+            if data[usual] is (usual == "finished"):
+                del data[usual]
         known = {key: value for key, value in data.items() if value is not None and value != {} and value != ""}
         if self.experiment != "free" and self.start_position_m is None:
             known["start_position_m"] = None  # what an experiment does not know of its place, it says
@@ -209,7 +213,7 @@ def _typed(key: str, value: Any) -> Any:
         return tuple(_typed(key, item) for item in value)
     if name in {"experiment", "source", "accepted", "kind", "load"}:
         return str(value)
-    if name in {"closed_loop", "held_out", "finished"}:
+    if name in {"closed_loop", "held_out", "finished", "position_integrated"}:
         if not isinstance(value, bool):
             raise DataError(f"{key} is {value!r}; write true or false")
         return value

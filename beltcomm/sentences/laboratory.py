@@ -16,7 +16,7 @@ from beltcomm.model import Model
 from beltcomm.quantities import read_in
 from beltcomm.result import Line, table, with_unit
 from beltcomm.rundata.cost import cost_rows
-from beltcomm.sentences.ladder import candidate_rows, number_lines
+from beltcomm.sentences.ladder import candidate_rows, held_out_words, number_lines
 from beltcomm.sentences.screens import WIDE, model_state, state_lines, warning_lines
 
 #: Records, places, candidates and effects that fit on a screen.
@@ -45,7 +45,7 @@ def comparison_screen(comparison: Comparison, places: Sequence[str], notes: Sequ
     doubt : str
         Why the error says nothing.
     """
-    word, sentence, style = model_state(max(comparison.ratio, comparison.held_out or 0.0))
+    word, sentence, style = model_state(max(comparison.ratio, comparison.held_out or 0.0), missing=comparison.missing)
     if doubt:
         word, sentence, style = tr("NOT JUDGED"), doubt, "note"
     titles, rows = record_table(comparison)
@@ -61,7 +61,7 @@ def comparison_screen(comparison: Comparison, places: Sequence[str], notes: Sequ
     ]
     if places:
         lines += [Line("   ", (tr("where it fails most"), "title")), *(Line("     ", place) for place in places[:PLACES])]
-    return [*lines, *warning_lines(notes)]
+    return [*lines, *warning_lines([*held_out_words(comparison.ratio, comparison.held_out), *notes])]
 
 
 def comparison_details(comparison: Comparison, model: Model) -> list[str]:

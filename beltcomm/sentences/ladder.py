@@ -14,6 +14,7 @@ from beltcomm.fit.start.model import BELT_BASE, RIGID_BASE
 from beltcomm.fit.uncertainty.intervals import with_intervals
 from beltcomm.given import pasted
 from beltcomm.laboratory.acceptance import KNOWN, implausible_effects, undetermined_effects
+from beltcomm.laboratory.compare import GIVEN_UP
 from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, structures
 from beltcomm.laboratory.figures import Plain, PlainError
 from beltcomm.laboratory.selection import MISSING, Candidate
@@ -23,6 +24,7 @@ from beltcomm.model import Model, effect_parameters
 from beltcomm.quantities import read_in
 from beltcomm.result import Row, table, with_unit
 from beltcomm.rundata.cost import cost_rows
+from beltcomm.rundata.headline import EXPLAINED
 from beltcomm.rundata.revisions import Revision
 from beltcomm.schedule.next_plan import families, hands_of
 
@@ -110,6 +112,20 @@ def diagnosis_lines(found: Diagnosis) -> list[str]:
     return [*lines, ""] if lines else []
 
 
+def held_out_words(ratio: float, held_out: float | None) -> list[str]:
+    """That records which were not fitted are not explained, where those fitted are.
+
+    Parameters
+    ----------
+    ratio, held_out
+        Error over the noise, of the fitted records and of the others; None without any.
+    """
+    if held_out is None or held_out <= EXPLAINED or ratio > EXPLAINED:
+        return []
+    told = "records that were held out leave {held:.2f} x the noise, those fitted {ratio:.2f}: look at where they were made"
+    return [tr(told, held=held_out, ratio=ratio)]
+
+
 def caveats(found: Diagnosis) -> list[str]:
     """Reservations about a diagnosis, as sentences: what records held out, parameters left open, values beyond a machine and twins say.
 
@@ -117,7 +133,7 @@ def caveats(found: Diagnosis) -> list[str]:
     ----------
     found : Diagnosis
     """
-    lines, model = [], with_intervals(found.final_fit)
+    lines, model = held_out_words(found.final_fit.ratio, found.final_fit.held_out_ratio), with_intervals(found.final_fit)
     if found.added_effects:
         lines += narrower_lines(found.published_base[1], found.final_fit)
         held, then = found.published_base[1].held_out_ratio, found.final_fit.held_out_ratio
@@ -129,10 +145,12 @@ def caveats(found: Diagnosis) -> list[str]:
             "it may stand for a cause that the catalogue does not hold."
         )
     if found.verdict == NONE_EXPLAINS and found.final_fit.objective < MISSING * found.final_fit.problem.samples:
-        left = structures(found.data, found.final_fit)
-        lines.append(
-            f"As a whole what is left is no more than the noise, but its mean {LEFT_WORDS[max(left, key=lambda name: left[name])]}."
-        )
+        if max(found.final_fit.ratio, found.final_fit.held_out_ratio or 0.0) >= GIVEN_UP:
+            lines.append("All but a few stretches of the records are explained: `beltcomm compare` shows which.")
+        else:
+            left = structures(found.data, found.final_fit)
+            most = max(left, key=lambda name: left[name])
+            lines.append(f"As a whole what is left is no more than the noise, but its mean {LEFT_WORDS[most]}.")
     if odd := implausible_effects(model, found.base.model):
         lines.append(f"But it takes {' and '.join(odd)}: that stands for another cause, which the catalogue does not hold.")
     if found.twins:

@@ -223,6 +223,11 @@ class ReportWords(Protocol):
         ...
 
     @property
+    def missing(self) -> bool | None:
+        """Something is left that is not noise."""
+        ...
+
+    @property
     def doubts(self) -> Sequence[str]:
         """Contradictions between data sheets and model, in sentences."""
         ...
@@ -278,10 +283,10 @@ def commission_text(folder: RunFolder, findings: Findings, ended: ReportWords | 
         answer += [*screens.tracking_lines(findings.verdict), Line("")]
     if final is not None:
         delay_s = findings.dead_time.value_s if findings.dead_time is not None else None
-        level = math.sqrt(final.fit.misfit) if error is None else error
+        level, missing = (math.sqrt(final.fit.misfit), None) if ended is None or error is None else (error, ended.missing)
         answer += [
             *screens.axis_lines(final.fit.model, folder.axis.travel.middle_m, delay_s),
-            screens.model_line(level, final.fit.suspect, final.fit.judged),
+            screens.model_line(level, final.fit.suspect, final.fit.judged, missing),
         ]
     if findings.design is not None and findings.cascade is not None:
         answer += screens.design_screen(findings.design, findings.cascade)

@@ -161,7 +161,7 @@ def axis_lines(model: Model, at_m: float, delay_s: float | None = None) -> list[
     return [*rows, *([Line(" " * 12, "   ".join(second))] if second else [])]
 
 
-def model_state(level: float, suspect: bool | None = None, judged: bool = True) -> tuple[str, str, str]:
+def model_state(level: float, suspect: bool | None = None, judged: bool = True, missing: bool | None = None) -> tuple[str, str, str]:
     """Verdict on the model against what was measured: the word of its state, a sentence, the style of both.
 
     Parameters
@@ -172,6 +172,8 @@ def model_state(level: float, suspect: bool | None = None, judged: bool = True) 
         None judges by the level alone.
     judged : bool
         Of the fit: whether the level tells that nothing is missing.
+    missing : bool or None
+        Of a comparison: whether something is left that is not noise; None judges the size alone.
     """
     if error_floor_words(level):
         return tr("NOT JUDGED"), tr("leaves {level:.2f} x the noise, less than noise can leave: not judged", level=level), "note"
@@ -179,12 +181,16 @@ def model_state(level: float, suspect: bool | None = None, judged: bool = True) 
         return tr("DOES NOT FIT"), tr("does NOT explain what was measured ({level:.2f} x the noise)", level=level), "bad"
     if not judged:
         return tr("NOT JUDGED"), tr("follows the rows ({level:.2f} x the noise); not judged between them", level=level), "note"
-    if level > EXPLAINED:
-        return tr("FITS IN PART"), tr("leaves {level:.2f} x the noise: something is missing", level=level), "note"
+    if missing if missing is not None else level > EXPLAINED:
+        if level > EXPLAINED:
+            return tr("FITS IN PART"), tr("leaves {level:.2f} x the noise: something is missing", level=level), "note"
+        return tr("FITS IN PART"), tr("leaves {level:.2f} x the noise, but not at random: something is missing", level=level), "note"
+    if missing is None:
+        return tr("FITS"), tr("its error is {level:.2f} x the noise", level=level), "good"
     return tr("FITS"), tr("explains everything above the noise ({level:.2f} x)", level=level), "good"
 
 
-def model_line(level: float, suspect: bool | None = None, judged: bool = True) -> Line:
+def model_line(level: float, suspect: bool | None = None, judged: bool = True, missing: bool | None = None) -> Line:
     """:func:`model_state` as a line of a screen.
 
     Parameters
@@ -193,10 +199,10 @@ def model_line(level: float, suspect: bool | None = None, judged: bool = True) -
         Error over the noise.
     suspect : bool or None
         None judges by the level alone.
-    judged : bool
+    judged, missing
         As of :func:`model_state`.
     """
-    _, sentence, style = model_state(level, suspect, judged)
+    _, sentence, style = model_state(level, suspect, judged, missing)
     label = ("   ", ""), (f"{tr('model'):<9}", "title")
     return Line(*label, sentence.ljust(56), (tr("ok"), style)) if style == "good" else Line(*label, (sentence, style))
 

@@ -64,7 +64,7 @@ export function laboratory(ask) {
     const told = await ask("laboratory-candidates");
     candidates = told.candidates;
     const some = told.candidates.filter((one) => one.share > 0.01 && helps(one)).slice(0, 6);
-    $("explain-title").textContent = told.searched && !some.length && found.ratio <= found.explained ? "Nothing is missing above the noise" : "What could explain what is left?";
+    $("explain-title").textContent = told.searched && !some.length && !found.missing ? "Nothing is missing above the noise" : "What could explain what is left?";
     drawCandidates(some, told.searched ? "" : WEIGHING);
   }
 
@@ -96,9 +96,9 @@ export function laboratory(ask) {
 
   function drawModel() {
     $("ratio").textContent = `${found.ratio.toFixed(2)} × the noise`;
-    $("ratio").className = `big ${found.ratio <= found.explained ? "good" : "bad"}`;
+    $("ratio").className = `big ${!found.missing ? "good" : "bad"}`;
     const plain = found.plain ? ` That is ${number(found.units.factor * found.plain.error)} ${found.units.small}, ${number(found.plain.percent)} % of the torque.` : "";
-    $("ratio-words").textContent = `${found.ratio <= found.explained ? "Fitted to all records, the model explains what was measured." : "Fitted to all records, the model still lacks something."} At 1.00 nothing but noise is left.${plain}` +
+    $("ratio-words").textContent = `${!found.missing ? "Fitted to all records, the model explains what was measured." : "Fitted to all records, the model still lacks something."} At 1.00 nothing but noise is left.${plain}` +
       (found.held_out === null ? "" : ` Records held out: ${found.held_out.toFixed(2)}.`) + (found.change ? ` ${found.change.change}: ${found.before ? found.before.ratio.toFixed(2) : ""} → ${found.ratio.toFixed(2)}.` : "");
     $("effects").replaceChildren(...found.effects.map((one) => {
       const chip = element("span", { title: one.title }, one.name.replaceAll("_", " "));
@@ -227,7 +227,7 @@ export function laboratory(ask) {
     });
     const others = [...helping.slice(CARDS), ...(chosen ? some.filter((one) => !helps(one)) : [])].map((one) => row(one));
     const now = [...made.map((one) => one.box), ...(others.length ? [element("div", { id: "others", className: "scroll" }, element("table", {}, element("tbody", {}, ...others)))] : []), ...(more ? [element("p", { className: "small" }, more)] : []),
-      ...(!helping.length && !more ? [element("p", { className: "small" }, found.ratio <= found.explained ? "What is left is noise: no known effect would lower it. Mark a part of a picture to ask about that part." : "No known effect lowers the error of all records.")] : [])];
+      ...(!helping.length && !more ? [element("p", { className: "small" }, !found.missing ? "What is left is noise: no known effect would lower it. Mark a part of a picture to ask about that part." : "No known effect lowers the error of all records.")] : [])];
     const place = $("candidates");
     for (const old of [...place.children]) if (!now.includes(old)) old.remove();
     now.forEach((one, k) => { if (place.children[k] !== one) place.insertBefore(one, place.children[k] || null); });
@@ -309,7 +309,7 @@ export function laboratory(ask) {
         element("tbody", {}, ...refitted.map((one) => element("tr", {}, element("td", {}, one.effect), element("td", { className: "number" }, number(one.evidence)), element("td", { className: "number" }, `${Math.round(100 * one.explained)} %`),
           element("td", { className: "number" }, one.held_out_gain === null ? "none here" : `${one.held_out_gain > 0 ? "better by" : "worse by"} ${number(Math.abs(one.held_out_gain))}`), element("td", {}, one.accepted ? "nothing" : one.against))))))]),
       ...(refitted.length ? [element("p", { className: "small" }, `Evidence: log-likelihood that it gains, less what as many free parameters would gain by chance; above ${found.evidence} nats it counts.`)] : []),
-      element("p", {}, best && refitted.length ? `${best.effect.replaceAll("_", " ")}: ${ahead}.` : found.ratio <= found.explained ? "Nothing stands above the noise that a known effect would explain." : "Nothing known explains it.", evidence.twins.length ? ` No record here tells ${evidence.twins.join(" and ")} apart.` : ""),
+      element("p", {}, best && refitted.length ? `${best.effect.replaceAll("_", " ")}: ${ahead}.` : !found.missing ? "Nothing stands above the noise that a known effect would explain." : "Nothing known explains it.", evidence.twins.length ? ` No record here tells ${evidence.twins.join(" and ")} apart.` : ""),
       ...evidence.by_hand.map((one) => element("p", { className: "small" }, `By hand, ${one.cause || ""}: ${one.change}; then ${one.record}: ${one.tells}`)),
       element("p", { className: "small" }, why ? `Next (${why}), in a terminal:` : "Next, in a terminal:"), element("pre", {}, command),
       element("details", {}, element("summary", {}, "All that `beltcomm diagnose --next` says"), element("pre", {}, evidence.lines.join("\n"))));

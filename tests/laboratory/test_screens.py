@@ -21,7 +21,7 @@ PLAIN = PlainError(0.0114, 0.0047, 0.23, 4.9, "N m", 240.0)
 
 def comparison(ratio: float, held: float | None = None) -> Comparison:
     records = tuple(RecordRatio(f"frf_{n}", n == 9, ratio + 0.01 * n, 1000, PLAIN) for n in range(12))
-    return Comparison(ratio, held, records, (), (), PLAIN, PLAIN)
+    return Comparison(ratio, held, max(ratio, held or 0.0) > 1.1, records, (), (), PLAIN, PLAIN)
 
 
 @pytest.mark.parametrize(("ratio", "held", "word"), [(1.01, 1.02, "FITS "), (1.04, 1.2, "FITS IN PART"), (2.3, None, "DOES NOT FIT")])

@@ -25,6 +25,7 @@ from beltcomm.laboratory.acceptance import (
     share_left,
     undetermined_effects,
 )
+from beltcomm.laboratory.compare import NOISE_KNOWN, is_something_missing
 from beltcomm.laboratory.diagnosis import Stage, _verdict_of
 from beltcomm.laboratory.samples import _excess, _partitions
 from beltcomm.laboratory.selection import Candidate
@@ -96,9 +97,9 @@ def test_what_is_explained_would_pass_as_a_machine_of_which_nothing_is_missing(
     base: Any = SimpleNamespace(model=BASE, ratio=1.5, held_out_ratio=None)
     monkeypatch.setattr(diagnosis, "with_intervals", lambda _fitted: BASE)
     assert _verdict_of(base, [Stage(base, (), "tilt", (), after)], (), 0.0) == verdict
-    untouched: Any = SimpleNamespace(objective=after.objective, problem=after.problem)  # of it nothing else is asked
+    untouched: Any = SimpleNamespace(objective=after.objective, problem=after.problem, ratio=1.0, held_out_ratio=None)
     missing = _verdict_of(untouched, [], (), 0.0) != "nothing missing"
-    assert missing is (level >= diagnosis.NOISE_KNOWN)
+    assert missing is (level >= NOISE_KNOWN)
     assert not (missing and verdict == "explained")
 
 
@@ -381,3 +382,23 @@ def test_why_a_candidate_may_not_be_named_is_said(evidence: float, held_out_gain
     there: Any = SimpleNamespace()
     one = Candidate(effect_named("cogging"), 0.0, evidence, 0.1, held_out_gain, there, False)
     assert replace(one, **more).against == against
+
+
+@pytest.mark.parametrize(
+    ("level", "ratio", "held_out", "left", "missing"),
+    [
+        (1.0, 1.02, 1.02, 3.0, False),
+        (1.0, 1.19, 1.19, 3.0, False),
+        (1.0, 1.21, None, 3.0, True),
+        (1.0, 1.02, 1.21, 3.0, True),
+        (1.11, 1.06, None, 3.0, True),
+        (1.0, 1.02, None, 13.0, True),
+        (0.9, 0.96, None, 13.0, False),
+    ],
+)
+def test_compare_and_diagnose_ask_one_thing(level: float, ratio: float, held_out: float | None, left: float, missing: bool) -> None:
+    """Where a stretch is given up, or only the records held out are not explained, `compare` said so and `diagnose` did not."""
+    problem = SimpleNamespace(pieces=(), samples=5000)
+    fitted: Any = SimpleNamespace(objective=level * 5000, problem=problem, ratio=ratio, held_out_ratio=held_out)
+    assert is_something_missing(fitted, left) is missing
+    assert (_verdict_of(fitted, [], (), left) != "nothing missing") is missing

@@ -109,7 +109,7 @@ def test_the_verdict_is_a_screen_and_the_rest_in_details(complete: Complete, mon
     lines = shown(list(complete.result.lines()), monkeypatch)
     assert len(lines) <= HIGH
     text = "\n".join(lines)
-    for word in ("PASS", "bandwidth", "overshoot", "phase margin", "default target", "carriage", "explains everything above the noise"):
+    for word in ("PASS", "bandwidth", "overshoot", "phase margin", "default target", "carriage", "its error is", "x the noise"):
         assert word in text
     assert "95 % intervals" not in text
     assert "95 % intervals" in "\n".join(complete.result.details)  # type: ignore[attr-defined]
