@@ -27,8 +27,8 @@ from beltcomm.simulate.kernels.observer import filter_columns, lanes_for
 SLOW_HZ = 40.0
 #: Relative change of the gains from one sample to the next below which they stay as they are.
 SETTLED = 1e-8
-#: States of the path with one body behind the motor, without slow rounding.
-ONE_BODY = 7
+#: States of the path with one body behind the motor, without slow rounding; and with the torque's noise behind a law.
+ONE_BODY, COLOURED = 7, 10
 #: What may differ from 0 of its F, slow rounding in front: s = (slow rounding, x, v, c before, here and after, what x and c leave, w).
 ONE_BODY_FULL = np.zeros((8, 8), dtype=np.bool_)
 ONE_BODY_FULL[[1, 2, 6], :6] = ONE_BODY_FULL[[0, 3, 4, 5, 5, 5], [0, 4, 5, 0, 4, 5]] = True
@@ -136,8 +136,25 @@ def gains_of(keep: BoolArray, paths: Sequence[NoisePath], level: IntArray, varia
         noise += (g[:, :, m] * variance)[:, :, None] * g[:, None, :, m]
         cross += g[:, :, m] * variance * d[:, m, None]
         direct += d[:, m] * d[:, m] * variance
-    _gains(keep, f, h, noise, cross, direct, level, start.copy(), np.empty((size, size)), np.empty((2, size)), gains, deviations)
+    ahead, spread = _powers(f, noise, _longest_gap(keep))
+    _gains(keep, f, h, noise, cross, direct, level, ahead, spread, start, gains, deviations)
     return gains, deviations
+
+
+def _longest_gap(keep: BoolArray) -> int:
+    """Samples of the longest stretch of which none is kept."""
+    kept = np.flatnonzero(np.concatenate(([True], keep, [True])))
+    return int(np.diff(kept).max()) - 1
+
+
+def _powers(f: Array, noise: Array, samples: int) -> tuple[Array, Array]:
+    """F of 1, 2, 4, ... samples and the covariance they add, (levels, powers, k, k) each, up to a stretch of some samples."""
+    ahead, spread = [f], [noise]
+    while 2 ** len(ahead) <= samples:
+        one, own = ahead[-1], spread[-1]
+        ahead.append(one @ one)
+        spread.append(one @ own @ one.transpose(0, 2, 1) + own)
+    return np.stack(ahead, axis=1), np.stack(spread, axis=1)
 
 
 def noises(
@@ -328,8 +345,9 @@ def _one_body(
                 number += 1
 
 
-@compiled
-def _gains(
+@inlined
+def _gains_of_size(
+    size: int,
     keep: BoolArray,
     f: Array,
     h: Array,
@@ -337,35 +355,28 @@ def _gains(
     cross: Array,
     direct: Array,
     level: IntArray,
-    p: Array,
-    fp: Array,
-    rows: Array,
+    ahead: Array,
+    spread: Array,
+    start: Array,
     gains: Array,
     deviations: Array,
 ) -> None:
-    """The covariance half of the filter.   noise, cross, direct : G V Gᵀ, G V Dᵀ, D V Dᵀ of each level, V the noises' variances.
-
-    p : (k, k), covariance at the first sample, in place.   fp, rows : (k, k), (2, k), memory.
-    In loops: with numpy's functions of rows it took four times as long to compile.
-    """
-    size, own = h.shape[1], h.shape[1] - 2
-    settled, at = False, -1
-    for n in range(keep.shape[0]):
+    # In loops: with numpy's functions of rows it took four times as long to compile.
+    own = size - 2
+    settled, at, n = False, -1, 0
+    p, fp, rows = start.copy(), np.empty((size, size)), np.empty((2, size))
+    while n < keep.shape[0]:
         if level[n] != at:
             settled, at = False, level[n]
         if settled and keep[n]:
             deviations[n] = deviations[n - 1]
             for i in range(size):
                 gains[n, i] = gains[n - 1, i]
+            n += 1
             continue
-        for i in range(size):
-            for j in range(own):
-                total = 0.0
-                for m in range(own):
-                    total += f[at, i, m] * p[m, j]
-                fp[i, j] = total
-        variance = direct[at]
+        samples = 1
         if keep[n]:
+            variance = direct[at]
             for i in range(size):
                 total = 0.0
                 for j in range(size):
@@ -387,12 +398,57 @@ def _gains(
                     settled = False
         else:
             settled = False
-        for i in range(size):
-            for j in range(i + 1):
-                total = noise[at, i, j]
-                for m in range(own):
-                    total += fp[i, m] * f[at, j, m]
-                if keep[n]:
-                    total -= rows[1, i] * rows[1, j] / variance
-                p[i, j] = total
-                p[j, i] = total
+            for i in range(size):
+                rows[1, i] = 0.0
+            while n + samples < keep.shape[0] and not keep[n + samples] and level[n + samples] == at:
+                samples += 1
+        power, left = 0, samples
+        while left:  # nothing is learned from samples that are not kept: they are passed in powers of two
+            if left & 1:
+                for i in range(size):
+                    for j in range(own):
+                        fp[i, j] = 0.0
+                    for m in range(own):
+                        factor = ahead[at, power, i, m]
+                        if factor != 0.0:  # most are 0
+                            for j in range(own):
+                                fp[i, j] += factor * p[m, j]
+                for i in range(size):
+                    for j in range(size):
+                        p[i, j] = spread[at, power, i, j] - rows[1, i] * gains[n, j]
+                for j in range(size):
+                    for m in range(own):
+                        factor = ahead[at, power, j, m]
+                        if factor != 0.0:
+                            for i in range(size):
+                                p[j, i] += factor * fp[i, m]
+            power, left = power + 1, left >> 1
+        n += samples
+
+
+@compiled
+def _gains(
+    keep: BoolArray,
+    f: Array,
+    h: Array,
+    noise: Array,
+    cross: Array,
+    direct: Array,
+    level: IntArray,
+    ahead: Array,
+    spread: Array,
+    start: Array,
+    gains: Array,
+    deviations: Array,
+) -> None:
+    """The covariance half of the filter.   noise, cross, direct : G V Gᵀ, G V Dᵀ, D V Dᵀ of each level, V the noises' variances.
+
+    ahead, spread : :func:`_powers`.   start : (k, k), covariance at the first sample.   The usual sizes are laid out, which takes a third
+    of the time.
+    """
+    if h.shape[1] == ONE_BODY:
+        _gains_of_size(ONE_BODY, keep, f, h, noise, cross, direct, level, ahead, spread, start, gains, deviations)
+    elif h.shape[1] == COLOURED:
+        _gains_of_size(COLOURED, keep, f, h, noise, cross, direct, level, ahead, spread, start, gains, deviations)
+    else:
+        _gains_of_size(h.shape[1], keep, f, h, noise, cross, direct, level, ahead, spread, start, gains, deviations)

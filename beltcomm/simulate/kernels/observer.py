@@ -345,10 +345,11 @@ def _filter_states(
     here, ahead, number = 0, columns * size, 0  # of the states, each as many numbers as there are columns
     for n in range(e.shape[0]):
         share = shares[n]
-        for i in range(size):
-            known[size * own + i] = h[0, i] + share * (h[1, i] - h[0, i])
-            for j in range(own):
-                known[i * own + j] = f[0, i, j] + share * (f[1, i, j] - f[0, i, j])
+        if n == 0 or share != shares[n - 1]:
+            for i in range(size):
+                known[size * own + i] = h[0, i] + share * (h[1, i] - h[0, i])
+                for j in range(own):
+                    known[i * own + j] = f[0, i, j] + share * (f[1, i, j] - f[0, i, j])
         for first in range(0, columns, LANES):
             innovation = eight(0.0)
             if keep[n]:
