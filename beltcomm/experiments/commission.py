@@ -40,7 +40,7 @@ from beltcomm.machine import scale, stops
 from beltcomm.machine.hardware import Hardware
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
-from beltcomm.quantities import mm, three_digits
+from beltcomm.quantities import mm, read_in, three_digits
 from beltcomm.rundata import analyse
 from beltcomm.rundata.delays import assume_delay, delay, measure_delay_and_damping
 from beltcomm.rundata.findings import Apply as Apply
@@ -77,7 +77,8 @@ def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) 
         findings.breakaway = phases.sign_and_scale(machine)
         machine.holding_nm = findings.breakaway.holding_nm
     machine.found("direction", "ok")
-    machine.found("breakaway", f"{findings.breakaway.coulomb_nm:.3g} N m")
+    factor, unit = read_in("N m")
+    machine.found("breakaway", f"{three_digits(factor * findings.breakaway.coulomb_nm)} {unit}")
     sameness.check_breakaway(machine, findings.breakaway.coulomb_nm)
     findings.calibrating_s = gain_steps.ensure(machine, findings.breakaway.coulomb_nm)
     sameness.repeat_first_excitation(machine, findings.breakaway, masses)
