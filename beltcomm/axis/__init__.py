@@ -569,6 +569,13 @@ def _check_together(axis: Axis) -> None:
     if way is not None and low is not None and high is not None and way > high - low:
         raise ImpossibleEntry(f"targets.distance_m is {way:g} m; the travel is {high - low:g} m", "targets.distance_m")
     l3, offset = axis.get("belt.pulley_distance_m"), axis.travel.driven_side_offset_m
+    if axis.has_transmission and axis.transmission is None and low is not None and offset + low < 0.0:
+        raise ImpossibleEntry(
+            f"travel.min_m is {low:g} m and travel.driven_side_offset_m {offset:g} m: the carriage would pass the driving pulley by "
+            f"{-low - offset:.4g} m; the belt from the driving pulley to the carriage at position 0 must be at least {-low:.4g} m, or "
+            f"travel.min_m at least {0.0 - offset:.4g} m",
+            "travel.driven_side_offset_m",
+        )
     if l3 is not None and high is not None and offset + high >= l3:
         raise ImpossibleEntry(
             f"belt.pulley_distance_m is {l3:g} m; it must exceed travel.driven_side_offset_m + travel.max_m, {offset + high:g} m",
