@@ -50,7 +50,7 @@ _TURNS = ("rpm", "1/min", "min-1", "r/min", "U/min")
 
 #: Suffix of a name -> its unit.
 UNITS: Mapping[str, Unit] = {
-    "s": Unit("s", {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "ns": 1e-9, "min": 60.0}),
+    "s": Unit("s", {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}),
     "m": Unit("m", _LENGTH),
     "m_s": Unit("m/s", {f"{name}/s": factor for name, factor in _LENGTH.items()} | {"m/min": 1.0 / 60.0}),
     "m_s2": Unit("m/s²", {f"{name}/s²": factor for name, factor in _LENGTH.items()}),
