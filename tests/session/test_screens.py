@@ -89,7 +89,7 @@ def test_screen_and_details_of_a_plan_have_one_belt_force(name: str) -> None:
 def test_the_live_display_is_a_screen(columns: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """With everything that can be told at once."""
     monkeypatch.setenv("COLUMNS", str(columns))
-    found = {"direction": "ok", "breakaway": "142 mN m", "mass": "13.4 kg", "resonance": "107 Hz", "following error": "0.136 mm"}
+    found = {"direction": "ok", "breakaway": "142 mN m (11.4 N)", "mass": "13.4 kg", "resonance": "107 Hz", "following error": "0.136 mm"}
     display = Display("6/9", "strokes, responses, moves", Pace(lambda: 0.0), lambda: 0.0, found)
     gauges = (Gauge("torque", -3.0, 3.1, "N m"), Gauge("belt", 99.0, 99.8, "N"), Gauge("speed", 0.2, 0.5, "m/s"))
     display.moving(CarriagePosition("friction_sweep_12", 0.281, (-0.01, 0.57), left_s=41.0, gauges=gauges))
@@ -108,9 +108,11 @@ class _Enough(Exception):
     """The first of what is found was told."""
 
 
-@pytest.mark.parametrize(("torque_nm", "told"), [(0.1424, "142 mN m"), (0.00731, "7.31 mN m"), (1.3, "1300 mN m")])
+@pytest.mark.parametrize(
+    ("torque_nm", "told"), [(0.1424, "142 mN m (11.5 N)"), (0.00731, "7.31 mN m (0.589 N)"), (1.3, "1300 mN m (105 N)")]
+)
 def test_breakaway_is_told_in_the_unit_of_friction(torque_nm: float, told: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It stood in N m beside a table of friction in mN m."""
+    """It stood in N m alone, beside tables of friction in mN m and a verdict in N."""
 
     def enough(*_: object) -> None:
         raise _Enough
@@ -122,7 +124,7 @@ def test_breakaway_is_told_in_the_unit_of_friction(torque_nm: float, told: str, 
     with pytest.raises(_Enough):
         identify_here(machine, SimpleNamespace())  # type: ignore[arg-type]
     assert found["breakaway"] == told
-    assert told.endswith(SHOWN["coulomb.level"][1])
+    assert f" {SHOWN['coulomb.level'][1]} (" in told
 
 
 def answer(complete: Complete, findings: object, folder: RunFolder) -> list[str]:
