@@ -158,6 +158,7 @@ def test_every_finding_of_the_catalogue_keeps_what_fills_it(spoken: str) -> None
 def test_the_catalogue_of_effects_is_translated(spoken: str) -> None:
     """What a screen says of an effect that was found."""
     shown = {text for effect in EFFECTS for text in (effect.title, effect.seen, effect.causes, effect.check, effect.remedy) if text}
+    shown |= {parameter.meaning for effect in EFFECTS for parameter in effect.parameters}
     assert sorted(text for text in shown if language.told(text) == text) == []
 
 

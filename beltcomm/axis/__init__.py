@@ -112,6 +112,7 @@ class Axis:
         check_together(
             self.motor, self.pulley, self.belt, self.travel, self.targets, self.trajectories,
             driven_by_belt=self.has_transmission and self.transmission is None,
+            linear_m_rad=self.known_transmission_m_rad if self.kind == "linear" else None,
         )  # fmt: skip
 
     def __str__(self) -> str:
@@ -496,7 +497,8 @@ def axis_from_dict(data: Mapping[str, Any], path: Path | None = None) -> Axis:
         own = KINDS[read["transmission"].kind]
         from beltcomm.axis.terms import terms  # which is made of what stands here
 
-        text = terms(read["transmission"].kind).said(str(error))
+        way = read["pulley"].effective_radius_m if "pulley" in read else None  # a linear motor's entries are in N and kg
+        text = terms(read["transmission"].kind, way or 0.0).said(str(error))
         raise fault(text, *own.in_file(error.entry).split(".")) from error
 
 

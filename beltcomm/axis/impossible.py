@@ -8,6 +8,7 @@ from collections.abc import Collection
 from beltcomm.axis.entries import AT, AxisTargets, Belt, Motor, Pulley, Travel
 from beltcomm.configfiles import did_you_mean
 from beltcomm.errors import UsageError
+from beltcomm.quantities import three_digits
 
 #: rad/s²: rated torque over rotor inertia.  Servo motors have some 1e3 (large, with brake) to 1e5; ten times more room either way.
 SLOWEST_ROTOR_RAD_S2, FASTEST_ROTOR_RAD_S2 = 1e2, 1e6
@@ -30,6 +31,7 @@ def check_together(
     moves: Collection[str],
     *,
     driven_by_belt: bool,
+    linear_m_rad: float | None,
 ) -> None:
     """Check entries that are possible each against each other.
 
@@ -40,6 +42,8 @@ def check_together(
         Names under ``trajectories``.
     driven_by_belt : bool
         True where a pulley stands at one end of the travel.
+    linear_m_rad : float or None, m/rad
+        Travel per radian that the drive counts, of a motor that does not turn.
 
     Raises
     ------
@@ -55,10 +59,14 @@ def check_together(
         raise ImpossibleEntry(text, "motor.rated_torque_nm")
     inertia = motor.inertia_kg_m2
     if rated is not None and inertia is not None and not SLOWEST_ROTOR_RAD_S2 <= rated / inertia <= FASTEST_ROTOR_RAD_S2:
+        rate, slowest, fastest, unit = rated / inertia, SLOWEST_ROTOR_RAD_S2, FASTEST_ROTOR_RAD_S2, "rad/s²"
+        hint = "its unit (1 kg cm² is 1e-4 kg m²)"
+        if linear_m_rad is not None:
+            rate, slowest, fastest, unit, hint = *(linear_m_rad * one for one in (rate, slowest, fastest)), "m/s²", "its unit"
         raise ImpossibleEntry(
             f"motor.inertia_kg_m2 is {inertia:g} kg m²: a motor of {rated:g} N m rated torque would accelerate itself with "
-            f"{rated / inertia:.3g} rad/s², motors do so with {SLOWEST_ROTOR_RAD_S2:g} to {FASTEST_ROTOR_RAD_S2:g}; look at its unit "
-            "(1 kg cm² is 1e-4 kg m²) and at motor.rated_torque_nm",
+            f"{three_digits(rate)} {unit}, motors do so with {three_digits(slowest)} to {three_digits(fastest)}; look at {hint} and at "
+            "motor.rated_torque_nm",
             "motor.inertia_kg_m2",
         )
     if targets.at and targets.at not in AT:

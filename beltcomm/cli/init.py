@@ -239,7 +239,9 @@ def _catalogue(frame: Invocation) -> int:
     found: dict[str, Any] = {"axes": parts("axes"), "motors": parts("motors")}
     rows = [[name, str(entry["title"]), str(entry["source"])] for kind in found.values() for name, entry in kind.items()]
     first, second = next(iter(found["axes"])), next(iter(found["motors"]))
-    frame.print(found, [*table([tr("name"), tr("axis or motor"), tr("source")], rows), f"Next: beltcomm init --from {first} --motor {second}"])
+    frame.print(
+        found, [*table([tr("name"), tr("axis or motor"), tr("source")], rows), f"Next: beltcomm init --from {first} --motor {second}"]
+    )
     return 0
 
 
