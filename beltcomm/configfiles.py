@@ -95,8 +95,12 @@ def config_names(kind: str) -> list[str]:
     return sorted({path.stem for folder in CONFIG_FOLDERS for path in (folder / kind).glob("*.yaml")})
 
 
+#: Letters from which on a part of a word is no chance.
+_PART = 3
+
+
 def did_you_mean(word: str, known: Iterable[str], likeness: float = 0.6) -> str:
-    """The words ``, did you mean X?`` for the known word that resembles ``word`` most; "" when none does.
+    """The words ``, did you mean X?`` for the known word that resembles ``word`` most, or alone holds it; "" when none does.
 
     Parameters
     ----------
@@ -108,7 +112,11 @@ def did_you_mean(word: str, known: Iterable[str], likeness: float = 0.6) -> str:
         0 to 1, share of matching letters from which on a word counts (``difflib.SequenceMatcher.ratio``).
     """
     by_lower = {item.lower(): item for item in known}
-    close = difflib.get_close_matches(str(word).lower(), by_lower, n=1, cutoff=likeness)
+    part = str(word).lower()
+    close = difflib.get_close_matches(part, by_lower, n=1, cutoff=likeness)
+    if not close and len(part) >= _PART:
+        close = [item for item in by_lower if part in item]
+        close = close if len(close) == 1 else []  # of two that hold it neither is likelier
     return f", did you mean {by_lower[close[0]]}?" if close else ""
 
 

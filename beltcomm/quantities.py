@@ -50,7 +50,7 @@ _TURNS = ("rpm", "1/min", "min-1", "r/min", "U/min")
 
 #: Suffix of a name -> its unit.
 UNITS: Mapping[str, Unit] = {
-    "s": Unit("s", {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "ns": 1e-9, "min": 60.0}),
+    "s": Unit("s", {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}),
     "m": Unit("m", _LENGTH),
     "m_s": Unit("m/s", {f"{name}/s": factor for name, factor in _LENGTH.items()} | {"m/min": 1.0 / 60.0}),
     "m_s2": Unit("m/s²", {f"{name}/s²": factor for name, factor in _LENGTH.items()}),
@@ -222,10 +222,21 @@ def _decimal_comma(found: re.Match[str]) -> str:
 
 #: Bound of a torque or damping of a model, N m or N m s/rad, above which it is no friction and no ripple.
 _SMALL = 50.0
+#: SI unit -> largest bound of a parameter, the trade's multiple up to it, and its factor; beyond the last one SI stays.
+_TRADE: Mapping[str, tuple[tuple[float, str, float], ...]] = {
+    "N m": ((_SMALL, "mN m", 1e3),),
+    "N m s/rad": ((_SMALL, "mN m s/rad", 1e3),),
+    "m": ((2e-3, "µm", 1e6), (math.inf, "mm", 1e3)),
+    "rad": ((0.5, "mrad", 1e3), (math.inf, "°", 180.0 / math.pi)),
+    "s": ((1.0, "ms", 1e3),),
+    **dict.fromkeys(("kg m²", "kg m2"), ((math.inf, "kg cm²", 1e4),)),
+}
+#: Of stiffness: the smallest bound from which it is the trade's multiple, as a cable's spring is none of a belt.
+_STIFF: Mapping[str, tuple[float, str, float]] = {"N": (1e5, "kN", 1e-3), "N/m": (1e5, "kN/m", 1e-3)}
 
 
 def read_in(unit: str, bound: float = 0.0) -> tuple[float, str]:
-    """Factor and unit in which every screen and page has what acts on the motor: mN m and mN m s/rad for friction and ripple.
+    """Factor and unit in which every screen and page has a parameter of a model: mN m for friction and ripple, mm, kg cm², kN/m.
 
     Gains (Kp in N m s/rad) and ratings are no such torques and stay in N m; files and ``--json`` are in SI.
 
@@ -234,14 +245,46 @@ def read_in(unit: str, bound: float = 0.0) -> tuple[float, str]:
     unit : str
         SI, as of a parameter of a model.
     bound : float
-        Highest possible value; a torque that may be as large as a rating stays in N m.
+        Highest possible value; a torque that may be as large as a rating stays in N m.  0 for an unknown one.
 
     Returns
     -------
     factor : float
     unit : str
     """
-    return (1e3, f"m{unit}") if unit in ("N m", "N m s/rad") and bound <= _SMALL else (1.0, unit)
+    if unit in _STIFF and bound >= _STIFF[unit][0]:
+        return _STIFF[unit][2], _STIFF[unit][1]
+    smallest = bound if bound or unit in ("N m", "N m s/rad") else math.inf
+    return next(((factor, said) for most, said, factor in _TRADE.get(unit, ()) if smallest <= most), (1.0, unit))
+
+
+def span_words(low: float, high: float, unit: str) -> str:
+    """Bounds of a parameter as screens and pages have its value: ``0 ... 5000 mN m``, ``1 ... 100 000 kN/m``; without powers of ten.
+
+    Parameters
+    ----------
+    low, high : float, SI
+    unit : str
+        SI, as of a parameter of a model; "1" or "" for none.
+    """
+    from beltcomm.result import with_unit  # with NumPy, which a help does without
+
+    factor, said = read_in(unit, high)
+    return with_unit(f"{short(factor * low)} ... {short(factor * high)}", said)
+
+
+def short(value: float) -> str:
+    """Four digits, thousands apart, without powers of ten.
+
+    Parameters
+    ----------
+    value : float
+        Of any unit.
+    """
+    if abs(value) >= 1e4:
+        return f"{value:,.0f}".replace(",", " ")
+    text = f"{value:.4g}"
+    return f"{value:.10f}".rstrip("0").rstrip(".") if "e" in text else text
 
 
 def three_digits(value: float) -> str:

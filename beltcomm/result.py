@@ -167,7 +167,7 @@ def with_unit(number: str, unit: str) -> str:
     unit : str
         Of the catalogue; "" or "1" for none.
     """
-    return number if unit in ("", "1") else f"{number} {re.sub(r'(?<=[a-z])2', '²', unit)}"
+    return number if unit in ("", "1") else f"{number} {re.sub(r'(?<=[a-z])[23]', lambda power: {'2': '²', '3': '³'}[power[0]], unit)}"
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[str]], indent: str = "") -> list[Row]:

@@ -23,6 +23,7 @@ from experiments import Panel, Symptom
 from symptoms import SYMPTOMS
 
 from beltcomm.effects import BELT_DAMPING, BELT_SPRING, BELT_STIFFNESS, EFFECTS, Effect, Parameter, stands_for
+from beltcomm.quantities import span_words
 from beltcomm.report.style import MEASURED, SEVERE, styled
 from beltcomm.simulate.kernels.writer import USUAL
 
@@ -101,7 +102,7 @@ def used(name: str) -> str:
 
 def row(parameter: Parameter, owner: str) -> str:
     """A line of the table of parameters."""
-    bounds = f"{parameter.low:g} to {parameter.high:g}"
+    bounds = span_words(parameter.low, parameter.high, parameter.unit)
     how = "fitted" if parameter.fitted else "its form: fitted once the effect is named" if parameter.form else "given, not fitted"
     return f"| `{owner}.{parameter.name}` | {parameter.meaning} | {parameter.unit} | {SIDES[parameter.side]} | {bounds} | {how} |"
 
@@ -166,7 +167,7 @@ def page(effect: Effect, experiment: str) -> str:
     lines += [f"It uses {', '.join(map(used, effect.uses))}."] if effect.uses else []
     lines += [f"A model has one of the group *{effect.group}* only."] if effect.group else []
     lines += [f"The same law for further orders: {', '.join(f'`{name}`' for name in family)}."] if family else []
-    lines += ["", "| parameter | meaning | unit | side | bounds | in a fit |", "|---|---|---|---|---|---|"]
+    lines += ["", "| parameter | meaning | unit in files | side | bounds | in a fit |", "|---|---|---|---|---|---|"]
     lines += [row(body.inertia, body.name) for body in effect.bodies] + [row(p, effect.owner or effect.name) for p in effect.parameters]
     lines += ["", "## State", ""]
     lines += ["| remembers | unit | at the start of a record | from record to record |", "|---|---|---|---|"] if effect.states else []

@@ -97,6 +97,8 @@ def test_a_shipped_name_given_as_a_file_is_recognised() -> None:
 def test_suggestions() -> None:
     assert did_you_mean("inertia", ["inertia_kg_m2", "name"]) == ", did you mean inertia_kg_m2?"
     assert did_you_mean("zzz", ["inertia_kg_m2"]) == ""
+    assert did_you_mean("emms", ["festo-emms-as-70-s", "yaskawa-sgmah-01a"]) == ", did you mean festo-emms-as-70-s?"
+    assert did_you_mean("sgmah", ["yaskawa-sgmah-01a", "yaskawa-sgmah-02a"]) == "", "of two that hold it neither"
 
 
 @pytest.mark.parametrize(

@@ -269,3 +269,18 @@ def test_a_rigid_axis_is_told_of_no_resonance() -> None:
     for told in ("open loop at the resonance", "resonance at -10.0 dB", "resonance suppression", "resonance dB"):
         assert "resonance" not in terms_of(load_axis("torque-table")).said(told)
         assert "resonance" in terms_of(load_axis("coupled-load")).said(told)
+
+
+@pytest.mark.parametrize(
+    ("motor", "told"),
+    [
+        ({"rated_force_n": 500.0, "peak_force_n": 100.0}, "motor.rated_force_n is 500 N; it must not exceed motor.peak_force_n, 100 N"),
+        ({"rated_force_n": 50.0, "peak_force_n": 100.0, "mass_kg": 500.0}, "motor.mass_kg is 500 kg: a motor of 50 N rated force would"),
+    ],
+)
+def test_a_linear_motor_is_refused_in_newtons_and_kilograms(motor: dict[str, float], told: str) -> None:
+    """It was in N m and kg m² of a radian that nobody had typed in."""
+    with pytest.raises(UsageError) as refused:
+        axis_from_dict({"transmission": {"kind": "linear", "pole_pair_m": 0.03}, "motor": motor})
+    assert told in str(refused.value)
+    assert not re.search(r"N m|kg [mc]m?²|rad", str(refused.value))

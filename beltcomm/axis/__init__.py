@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from beltcomm.axis.entries import (
-    AT,
     COMMISSION_NEEDS,
     SECTIONS,
     AxisEntry,
@@ -34,6 +33,7 @@ from beltcomm.axis.entries import (
     entries_of,
     meaning_of,
 )
+from beltcomm.axis.impossible import ImpossibleEntry, check_together
 from beltcomm.axis.kinds import BELT, KINDS, Transmission, faults_of, likely_place, shown, to_file, to_inside
 from beltcomm.configfiles import did_you_mean, find_config, line_of, read_yaml, to_yaml, write_text
 from beltcomm.errors import UsageError
@@ -63,10 +63,6 @@ __all__ = [
 ]
 
 
-#: rad/s²: rated torque over rotor inertia.  Servo motors have some 1e3 (large, with brake) to 1e5; ten times more room either way.
-SLOWEST_ROTOR_RAD_S2, FASTEST_ROTOR_RAD_S2 = 1e2, 1e6
-
-
 class TorqueLimit(NamedTuple):
     """The smallest of the limits of an axis's torque.
 
@@ -79,14 +75,6 @@ class TorqueLimit(NamedTuple):
 
     torque_nm: float
     binds: str
-
-
-class ImpossibleEntry(UsageError):
-    """An entry that cannot be; ``entry`` is its dotted name."""
-
-    def __init__(self, message: str, entry: str) -> None:
-        super().__init__(message)
-        self.entry = entry
 
 
 @dataclass(frozen=True)
@@ -121,7 +109,11 @@ class Axis:
             _check_section(key, getattr(self, key), by_kind)
         for key, limits in self.trajectories.items():
             _check_section(f"trajectories.{key}", limits, set())
-        _check_together(self)
+        check_together(
+            self.motor, self.pulley, self.belt, self.travel, self.targets, self.trajectories,
+            driven_by_belt=self.has_transmission and self.transmission is None,
+            linear_m_rad=self.known_transmission_m_rad if self.kind == "linear" else None,
+        )  # fmt: skip
 
     def __str__(self) -> str:
         return (f"axis {self.name!r}" if self.name else "axis without a name") + (f" ({self.source})" if self.source else "")
@@ -505,7 +497,8 @@ def axis_from_dict(data: Mapping[str, Any], path: Path | None = None) -> Axis:
         own = KINDS[read["transmission"].kind]
         from beltcomm.axis.terms import terms  # which is made of what stands here
 
-        text = terms(read["transmission"].kind).said(str(error))
+        way = read["pulley"].effective_radius_m if "pulley" in read else None  # a linear motor's entries are in N and kg
+        text = terms(read["transmission"].kind, way or 0.0).said(str(error))
         raise fault(text, *own.in_file(error.entry).split(".")) from error
 
 
@@ -538,52 +531,6 @@ def _check_section(name: str, section: Any, by_kind: set[str]) -> None:
         fault = entry.fault(value) if value is not None else ""
         if fault:
             raise ImpossibleEntry(f"{name}.{key} is {value:g} {unit_of(key)}".rstrip() + f"; {fault}", f"{name}.{key}")
-
-
-def _check_together(axis: Axis) -> None:
-    """Raise ImpossibleEntry for entries that contradict each other."""
-    low, high = axis.travel.min_m, axis.travel.max_m
-    if low is not None and high is not None and low >= high:
-        raise ImpossibleEntry(f"travel.min_m is {low:g} m; it must be below travel.max_m, {high:g} m", "travel.min_m")
-    rated, peak = axis.motor.rated_torque_nm, axis.motor.peak_torque_nm
-    if rated is not None and peak is not None and rated > peak:
-        text = f"motor.rated_torque_nm is {rated:g} N m; it must not exceed motor.peak_torque_nm, {peak:g} N m"
-        raise ImpossibleEntry(text, "motor.rated_torque_nm")
-    inertia = axis.motor.inertia_kg_m2
-    if rated is not None and inertia is not None and not SLOWEST_ROTOR_RAD_S2 <= rated / inertia <= FASTEST_ROTOR_RAD_S2:
-        raise ImpossibleEntry(
-            f"motor.inertia_kg_m2 is {inertia:g} kg m²: a motor of {rated:g} N m rated torque would accelerate itself with "
-            f"{rated / inertia:.3g} rad/s², motors do so with {SLOWEST_ROTOR_RAD_S2:g} to {FASTEST_ROTOR_RAD_S2:g}; look at its unit "
-            "(1 kg cm² is 1e-4 kg m²) and at motor.rated_torque_nm",
-            "motor.inertia_kg_m2",
-        )
-    if axis.targets.at and axis.targets.at not in AT:
-        raise ImpossibleEntry(f"targets.at is {axis.targets.at!r}; choose {', '.join(AT)}", "targets.at")
-    if axis.targets.move and axis.targets.move not in axis.trajectories:
-        known = ", ".join(axis.trajectories) or "none"
-        raise ImpossibleEntry(
-            f"targets.move is {axis.targets.move!r}{did_you_mean(axis.targets.move, axis.trajectories)}; under trajectories are {known}",
-            "targets.move",
-        )
-    way = axis.targets.distance_m
-    if way is not None and low is not None and high is not None and way > high - low:
-        raise ImpossibleEntry(f"targets.distance_m is {way:g} m; the travel is {high - low:g} m", "targets.distance_m")
-    l3, offset = axis.get("belt.pulley_distance_m"), axis.travel.driven_side_offset_m
-    if l3 is not None and high is not None and offset + high >= l3:
-        raise ImpossibleEntry(
-            f"belt.pulley_distance_m is {l3:g} m; it must exceed travel.driven_side_offset_m + travel.max_m, {offset + high:g} m",
-            "belt.pulley_distance_m",
-        )
-    radius, teeth, pitch = (axis.get(key) for key in ("pulley.effective_radius_m", "pulley.teeth", "belt.pitch_m"))
-    if radius is not None and teeth is not None and pitch is not None:
-        by_teeth = teeth * pitch / math.tau
-        # The pitch line lies off the pulley by fractions of a tooth; 5 % tells that from a diameter given as radius.
-        if abs(radius - by_teeth) > 0.05 * by_teeth:
-            raise ImpossibleEntry(
-                f"pulley.effective_radius_m is {radius:g} m, but {teeth:g} teeth of {pitch:g} m make a radius of {by_teeth:.5g} m; "
-                "correct the one that is wrong",
-                "pulley.effective_radius_m",
-            )
 
 
 def _flat(data: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import Any, Literal
 from beltcomm.axis.kinds import KINDS
 from beltcomm.configfiles import did_you_mean, find_config, read_yaml
 from beltcomm.errors import UsageError
-from beltcomm.quantities import suffix_of, unit_of
+from beltcomm.quantities import short, suffix_of, unit_of
 
 #: Entry -> range, SI, outside which a number is asked for again: what most belt axes have, not what is possible.
 USUAL: Mapping[str, tuple[float, float]] = {
@@ -111,7 +111,7 @@ def in_words(name: str, value: float) -> str:
         bits = math.log2(value) if value > 0.0 else 0.0
         return f"{value:.0f}" + (f" ({bits:.0f} bit)" if bits == round(bits) else "")
     if name == "effective_radius_m":
-        return f"{_short(1e3 * value)} mm ({_short(1e3 * math.tau * value)} mm/rev)"
+        return f"{short(1e3 * value)} mm ({short(1e3 * math.tau * value)} mm/rev)"
     suffix = suffix_of(name)
     shown, factor = {
         "rad_s": ("rpm", 60.0 / math.tau),
@@ -121,15 +121,7 @@ def in_words(name: str, value: float) -> str:
         "s": ("ms", 1e3) if abs(value) < 0.1 else ("s", 1.0),
         "n": ("kN", 1e-3) if abs(value) >= 1e4 else ("N", 1.0),
     }.get(suffix, (unit_of(name), 1.0))
-    return f"{_short(value * factor)} {shown}".rstrip()
-
-
-def _short(value: float) -> str:
-    """Four digits, thousands apart, without powers of ten."""
-    if abs(value) >= 1e4:
-        return f"{value:,.0f}".replace(",", " ")
-    text = f"{value:.4g}"
-    return f"{value:.10f}".rstrip("0").rstrip(".") if "e" in text else text
+    return f"{short(value * factor)} {shown}".rstrip()
 
 
 def parts(kind: Kind) -> dict[str, dict[str, Any]]:

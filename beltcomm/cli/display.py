@@ -27,8 +27,6 @@ SILENT_S = 1.5
 #: Share of a limit from which a bar is marked.
 NEAR = 0.9
 
-#: Words before the place of what moves, by what it is called.
-
 
 class Display:
     """One job.

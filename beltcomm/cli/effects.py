@@ -20,6 +20,7 @@ def command(frame: Invocation, /, name: str | None) -> int:
     """
     from beltcomm.effects import EFFECTS, effect_named
     from beltcomm.language import told
+    from beltcomm.quantities import span_words
 
     chosen = EFFECTS if name is None else (effect_named(name),)
     data = {
@@ -66,7 +67,7 @@ def command(frame: Invocation, /, name: str | None) -> int:
             *([f"Looks alike in the records: {', '.join(effect.twins)}; to tell apart: {effect.separate}"] if effect.twins else []),
             *(f"By hand, {twin}: {hand.words()}" for twin, apart in effect.apart.items() for hand in apart.hands),
             *(f"Looks like {other}: {how}" for other, how in effect.alike.items()),
-            *(f"  {p.name}, {p.unit} ({p.side} side), {p.low:g} to {p.high:g}: {p.meaning}" for p in effect.parameters),
+            *(f"  {p.name} ({p.side} side), {span_words(p.low, p.high, p.unit)}: {p.meaning}" for p in effect.parameters),
             f"Source: {effect.source}",
         ],
     )

@@ -77,6 +77,7 @@ def command(
     """
     from beltcomm.axis import axis_from_dict
     from beltcomm.axis.terms import terms_of
+    from beltcomm.axis.together import doubts
     from beltcomm.axis.written import commented
     from beltcomm.configfiles import read_yaml, write_text
 
@@ -118,6 +119,7 @@ def command(
     lines.append(told(terms_of(axis).said(judged)))
     if axis.transmission is not None and axis.rigid:
         lines.append(tr("No stiffness between motor and load is stated: the axis counts as rigid."))
+    lines += [told(f"Note: {terms_of(axis).said(doubt)}") for doubt in doubts(axis)]
     lines += [tr("Still needed: {entries}.", entries=", ".join(missing))] if missing else []
     zero = "A drive without an absolute zero is commissioned with --home (it searches its zero) or --position (where the carriage stands)."
     lines.append(terms_of(axis).said(told(zero)))
@@ -237,7 +239,9 @@ def _catalogue(frame: Invocation) -> int:
     found: dict[str, Any] = {"axes": parts("axes"), "motors": parts("motors")}
     rows = [[name, str(entry["title"]), str(entry["source"])] for kind in found.values() for name, entry in kind.items()]
     first, second = next(iter(found["axes"])), next(iter(found["motors"]))
-    frame.print(found, [*table(["name", "axis or motor", "source"], rows), f"Next: beltcomm init --from {first} --motor {second}"])
+    frame.print(
+        found, [*table([tr("name"), tr("axis or motor"), tr("source")], rows), f"Next: beltcomm init --from {first} --motor {second}"]
+    )
     return 0
 
 

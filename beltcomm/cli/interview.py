@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -26,6 +26,8 @@ _TITLES = {
 }
 #: Asked only where another entry of the section has a value.
 _ONLY_WITH = {"brake_time_s": "brake_torque_nm"}
+#: Belt before position 0, which no travel lets be negative.
+_OFFSET = ("travel", "driven_side_offset_m")
 _BELT_SECTIONS = ("gearbox", "coupling", "pulley", "belt")
 
 
@@ -68,7 +70,7 @@ def asked_all(start: Axis, unfinished: Path, kind: str, of: str = "") -> dict[st
             data.pop(section, None)
     words = {"motor": ["name"], "targets": ["at"]}
     questions = [(section, name) for section in entries for name in (*words.get(section, []), *entries[section])]
-    answers = _Answers(data["name"], kind if own is not None else "")
+    answers = _Answers(data["name"], kind if own is not None else "", entries)
     interview = _Interview(questions, entries, data, answers)
     try:
         if of:
@@ -88,15 +90,16 @@ def asked_all(start: Axis, unfinished: Path, kind: str, of: str = "") -> dict[st
 class _Answers:
     """Answers given.   told : by section and name, in the order asked.   implied : what one of them says of others, not asked then."""
 
-    def __init__(self, name: str, kind: str = "") -> None:
-        self.name, self.kind = name, kind
+    def __init__(self, name: str, kind: str = "", sections: Iterable[str] = ()) -> None:
+        self.name, self.kind, self.sections = name, kind, tuple(sections)
         self.told: dict[tuple[str, str], Any] = {}
         self.implied: dict[tuple[str, str], float] = {}
+        self._doubted: set[str] = set()
 
     @property
     def known(self) -> dict[str, Any]:
         """As axis.yaml has it."""
-        found: dict[str, Any] = {"name": self.name}
+        found: dict[str, Any] = {"name": self.name, **{section: {} for section in self.sections}}  # an empty pulley still is one
         if self.kind:
             found["transmission"] = {"kind": self.kind}
         for (section, name), value in {**self.told, **self.implied}.items():
@@ -104,16 +107,36 @@ class _Answers:
                 found.setdefault(section, {})[name] = value
         return found
 
-    def fault(self, section: str, name: str, value: float) -> str:
+    def fault(self, section: str, name: str, value: float | None) -> str:
         """Contradiction between a further answer and those before, "" for none."""
         from beltcomm.axis import axis_from_dict
 
         known = self.known
+        known = {**known, section: {**known.get(section, {}), name: value}}
+        low = known.get("travel", {}).get("min_m")
+        if (section, name) != _OFFSET and _OFFSET not in self.told and low is not None and not self.kind:
+            # asked behind the travel: until then it is as long as the travel needs it
+            known["travel"] = {**known["travel"], _OFFSET[1]: max(0.0, -low)}
         try:
-            axis_from_dict({**known, section: {**known.get(section, {}), name: value}})
+            axis_from_dict(known)
         except UsageError as error:
             return str(error)
         return ""
+
+    def new_doubts(self) -> list[str]:
+        """Sentences on answers that do not go together and yet can be, those that were not told yet."""
+        from beltcomm.axis import axis_from_dict
+        from beltcomm.axis.terms import terms_of
+        from beltcomm.axis.together import doubts
+
+        try:
+            axis = axis_from_dict(self.known)
+        except UsageError:
+            return []  # before its last answer, as above
+        found = [terms_of(axis).said(text) for text in doubts(axis)]
+        new = [text for text in found if text not in self._doubted]
+        self._doubted |= {*found}
+        return new
 
 
 class _Interview:
@@ -160,16 +183,19 @@ class _Interview:
             known = before.get(key, self._known(section, name))
             settled = key in self.kept and key not in before
             needed = key in self.unusual if known is not None else f"{section}.{name}" in self.needs
-            if settled or (done and not needed):
+            as_it_is = isinstance(known, str) or not (wrong := answers.fault(section, name, known))
+            if (settled or (done and not needed)) and as_it_is:
                 answers.told[key] = known
                 at += 1
                 continue
             if not asked or questions[asked[-1]][0] != section:
                 tell(f"\n{tr(_title(section, answers.kind))}")
+            if not as_it_is and (settled or done):
+                tell(f"    {wrong}")
             try:
                 self._ask_one(at, known)
             except Done:
-                if done:  # said again, of one that is needed
+                if done and as_it_is:  # said again, of one that is needed
                     answers.told[key] = known
                     at += 1
                 done = True
@@ -189,9 +215,10 @@ class _Interview:
             answers.told[section, name] = reply(where + tr("Type"), known or "", back=True)
         elif name == "at":
             from beltcomm.axis.kinds import KINDS
+            from beltcomm.axis.terms import terms
 
             load = KINDS[answers.kind].load if answers.kind else AT[1]
-            question = tr("Where targets count: motor, carriage or both").replace("carriage", load)
+            question = terms(answers.kind).said(tr("Where targets count: motor, carriage or both"))
             answers.told[section, name] = ask_word(where + question, (AT[0], load, AT[2]), known or "")
         else:
             if known is not None and not usual(f"{section}.{name}", known, answers.kind):
@@ -201,6 +228,8 @@ class _Interview:
             answers.told[section, name], text = ask_number(f"{section}.{name}", name, entry, known, fault, where, answers.kind)
             if name == "effective_radius_m":
                 answers.implied = toothed(text)
+            for doubt in answers.new_doubts():
+                tell(f"    Note: {doubt}")
 
     def change(self) -> None:
         """Show what was kept, and ask those again whose number is given."""
@@ -233,8 +262,21 @@ class _Interview:
         name = key[1]
         value = {**self.answers.told, **self.answers.implied}.get(key)
         said = "-" if value in (None, "") else str(value) if isinstance(value, str) else in_words(name, value)
-        stem = name.removesuffix(f"_{suffix_of(name)}") if suffix_of(name) else name
-        return f"[{at + 1}] {stem.replace('_', ' ')} {said}"
+        return f"[{at + 1}] {label(*key)} {tr(said) if name == 'at' else said}"
+
+
+def label(section: str, name: str) -> str:
+    """A key of axis.yaml in a word or two: the key without its unit, in another language by its place in the file.
+
+    Parameters
+    ----------
+    section, name : str
+        ``motor``, ``rated_torque_nm``.
+    """
+    stem = name.removesuffix(f"_{suffix_of(name)}") if suffix_of(name) else name
+    words, place = stem.replace("_", " "), f"{section}.{stem}"
+    said = tr(place)
+    return words if said == place else said
 
 
 def _title(section: str, kind: str) -> str:

@@ -33,7 +33,8 @@ _OTHERWISE = {
     "pinion_radius_m": "or teeth x module: 20 x 2 mm; or travel per turn: 200 mm/rev",
 }
 #: Answers that mean: there is none; the question before; the rest is left out.
-NONE, _BACK, _DONE = ("none", "no", "-"), ("back", "<"), ("done", "fertig")
+NONE = ("none", "no", "-", "keine", "keiner", "keins", "kein")
+_BACK, _DONE = ("back", "<", "zurück"), ("done", "fertig")
 _TEETH = re.compile(r"(\d+)\s*(?:teeth)?\s*[x×*]\s*(.+)", re.IGNORECASE)
 _TRAVEL_PER_TURN = ("lead_m", "pole_pair_m")
 _MODULE = re.compile(r"(\d+)\s*(?:teeth)?\s*[x×*]\s*(?:module|m)?\s*(.+)", re.IGNORECASE)
@@ -71,7 +72,7 @@ class Done(Exception):
 
 
 def ask_number(
-    key: str, name: str, entry: AxisEntry, default: float | None, contradicts: Callable[[float], str], where: str, kind: str = ""
+    key: str, name: str, entry: AxisEntry, default: float | None, contradicts: Callable[[float | None], str], where: str, kind: str = ""
 ) -> tuple[float | None, str]:
     """A number, and how it was written; what it means is said, and an unusual one asked for again.
 
@@ -110,6 +111,9 @@ def ask_number(
             needed = ""
             continue
         if not text or text.lower() in NONE:
+            if wrong := contradicts(None):
+                tell(f"    {wrong}; give another value, or 'back' to change what was answered before")
+                continue
             return None, ""
         try:
             value = otherwise(name, text)
@@ -155,7 +159,7 @@ def ask_word(question: str, known: Sequence[str], default: str) -> str:
         answer = next((word for word in known if tr(word).lower() == answer), answer)
         if answer in {"", *known}:
             return answer
-        tell(f"    {answer!r}: {', '.join(known)}")
+        tell(f"    {answer!r}: {', '.join(map(tr, known))}")
 
 
 def toothed(text: str) -> dict[tuple[str, str], float]:

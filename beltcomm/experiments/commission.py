@@ -40,7 +40,7 @@ from beltcomm.machine import scale, stops
 from beltcomm.machine.hardware import Hardware
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
-from beltcomm.quantities import mm, three_digits
+from beltcomm.quantities import mm, read_in, three_digits
 from beltcomm.rundata import analyse
 from beltcomm.rundata.delays import assume_delay, delay, measure_delay_and_damping
 from beltcomm.rundata.findings import Apply as Apply
@@ -77,7 +77,7 @@ def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) 
         findings.breakaway = phases.sign_and_scale(machine)
         machine.holding_nm = findings.breakaway.holding_nm
     machine.found("direction", "ok")
-    machine.found("breakaway", f"{findings.breakaway.coulomb_nm:.3g} N m")
+    machine.found("breakaway", _friction_words(machine.axis, findings.breakaway.coulomb_nm))
     sameness.check_breakaway(machine, findings.breakaway.coulomb_nm)
     findings.calibrating_s = gain_steps.ensure(machine, findings.breakaway.coulomb_nm)
     sameness.repeat_first_excitation(machine, findings.breakaway, masses)
@@ -181,6 +181,13 @@ def _first_model(machine: Machine, findings: Findings) -> Model:
     _tell_model(machine, model, machine.position_m)
     measure_delay_and_damping(findings, recordings, model)
     return model
+
+
+def _friction_words(axis: Axis, torque_nm: float) -> str:
+    """Friction at the motor as its tables have it, and as the force that the verdict has, where both are not one number."""
+    factor, unit = read_in("N m")
+    ratio = axis.known_transmission_m_rad if axis.kind not in ("rotary", "linear") and axis.has_transmission else None
+    return f"{three_digits(factor * torque_nm)} {unit}" + (f" ({three_digits(torque_nm / ratio)} N)" if ratio else "")
 
 
 def _tell_model(machine: Machine, model: Model, at_m: float) -> None:

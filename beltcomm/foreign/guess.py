@@ -14,6 +14,7 @@ import numpy as np
 
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError, Refused, UsageError
+from beltcomm.foreign.daystamps import are_days
 from beltcomm.foreign.mapping import Source, parse_source, sources_for
 from beltcomm.foreign.names import Confidence, Meaning, by_unit, meaning_of, quoted, spelled, without_unit
 from beltcomm.foreign.relations import relations
@@ -243,7 +244,8 @@ def _by_numbers(table: Table, found: list[Guess], sources: Mapping[str, Source],
         if guess.column == "position_rad" and not table.unit(names[0]):
             choices = without_unit(table, guess.column, Meaning(names[0], "position", "none", False), axis, "rad")[0]
         else:
-            units = _units_of_time(_step(table, names[0])) if guess.column == "t_s" else ("1",)
+            days = guess.column == "t_s" and are_days(table.columns[names[0]])
+            units = ("d",) if days else _units_of_time(_step(table, names[0])) if guess.column == "t_s" else ("1",)
             choices = tuple(spelled(_driving(guess.column, name), name, unit) for name in names for unit in units)
         made.append(replace(guess, choices=choices, why=f"by its numbers: {'; '.join(filter(None, map(seen.why, names)))}"))
     return made
@@ -305,6 +307,9 @@ def _time(table: Table, meanings: Sequence[Meaning]) -> Guess:
     rising = [m for m in meanings if m.quantity == "time" and _rises(table, m.name)]
     if not rising:
         back = next((m.name for m in meanings if m.quantity == "time" and _rises(table, m.name, -1.0)), "")
+        dates = [name for name, column in table.columns.items() if are_days(column, dated=True)]
+        if len(dates) == 1:
+            return Guess("t_s", (spelled("t_s", dates[0], "d"),), "sure", "numbers of days as a spreadsheet has dates")
         if back:
             raise DataError(f"{table.file}: {back} falls from row to row, the last row was recorded first; turn the order of the rows")
         return Guess("t_s", (), "unsure", "no column is called time and rises; give --rate or --period, or map one")
@@ -315,6 +320,8 @@ def _time(table: Table, meanings: Sequence[Meaning]) -> Guess:
         return Guess("t_s", several, "unsure", "several columns look like time")
     if table.columns[best.name].dtype.kind not in "fiu":
         return Guess("t_s", (spelled("t_s", best.name, ""),), "sure", "dates or times of day")
+    if are_days(table.columns[best.name]):
+        return Guess("t_s", (spelled("t_s", best.name, "d"),), "sure", "its name, and numbers of days as a spreadsheet has dates")
     if best.unit:
         return Guess("t_s", (spelled("t_s", best.name, best.unit),), "sure", f"its name, and its unit {best.unit} by the file")
     if _SHORTEST_STEP_S <= step <= _LONGEST_STEP_S:

@@ -8,6 +8,7 @@ import numpy as np
 
 from beltcomm.arrays import Array, Column
 from beltcomm.errors import DataError
+from beltcomm.foreign.daystamps import are_days, seconds_of_days
 from beltcomm.foreign.names import meaning_of
 from beltcomm.foreign.table import Table
 from beltcomm.foreign.timestamps import seconds_of
@@ -74,6 +75,8 @@ def _stamps(table: Table, time: str) -> tuple[Array, tuple[str, ...]]:
     stamps = table.columns[time]
     if time == "Time_ms" and "VarName" in table.columns:  # of WinCC: millionths of a day
         return (stamps - stamps[0]) * 0.0864, ()
+    if are_days(stamps, dated=True):
+        return seconds_of_days(time, stamps)
     return (stamps, ()) if stamps.dtype.kind == "f" else seconds_of(table.file, time, stamps)
 
 

@@ -28,6 +28,8 @@ _CERTAIN, _DYNAMIC = 4.0, 0.05
 _APART = 100.0
 #: Times its rated torque, that no servo motor gives for a moment.
 _MOST_RATED = 10.0
+#: From which a torque in tenths may be per cent of a rated one.
+_PER_CENT = 3.0
 #: Two measures of one motion agree to this; where their likeness is smaller, filters and noise part them too.
 _AGREE, _ALIKE = 0.05, 0.995
 #: Rows that a slower torque stays the same in, changes and levels that it needs to be one, and share of those that may follow at once.
@@ -286,23 +288,39 @@ def _one_way(recording: Recording) -> Iterator[Doubt]:
         )  # fmt: skip
 
 
+def _in_tenths(torque: Array) -> bool:
+    """True for numbers with one decimal."""
+    return bool(np.all(np.abs(10.0 * torque - np.round(10.0 * torque)) < 1e-6))
+
+
 def _torque_levels(recording: Recording, axis: Axis) -> Iterator[Doubt]:
-    """A torque in whole numbers is in thousandths, per cent or counts."""
+    """A torque in whole numbers is in thousandths, per cent or counts; in tenths per cent, where no rating tells."""
     if recording.side == "load":
         return
-    torque = recording.torque
-    whole = bool(np.all(torque == np.round(torque))) and float(np.abs(torque).max()) >= 10.0 and len(np.unique(torque)) > 3
-    if whole and axis.motor.peak_torque_nm is None:
-        column = CHANNELS[recording.side]["torque"]
+    torque, column = recording.torque, CHANNELS[recording.side]["torque"]
+    highest, levels = float(np.abs(torque).max()), len(np.unique(torque))
+    unknown = axis.motor.peak_torque_nm is None
+    if unknown and highest >= 10.0 and levels > 3 and bool(np.all(torque == np.round(torque))):
         yield Doubt(
-            column, f"in whole numbers up to {np.abs(torque).max():g}", "N m with decimals",
+            column, f"in whole numbers up to {highest:g}", "N m with decimals",
             f"it looks like thousandths of a rated torque or a converter's counts: --map {column}=NAME*RATED/1000",
         )  # fmt: skip
-    rated = axis.motor.rated_torque_nm
-    largest = float(np.abs(torque).max())
-    if rated is not None and axis.motor.peak_torque_nm is None and recording.side == "motor" and largest > _MOST_RATED * rated:
+    elif (
+        unknown
+        and recording.side == "motor"
+        and axis.motor.rated_torque_nm is None
+        and highest >= _PER_CENT
+        and levels > 3
+        and _in_tenths(torque)
+    ):
         yield Doubt(
-            "the largest torque_nm", f"{largest:.4g} N m", f"at most {_MOST_RATED:g} times the rated {rated:g} N m",
+            column, f"in steps of 0.1 up to {highest:.4g}", "N m with more decimals",
+            f"per cent of a rated torque have such steps: --map {column}=NAME*RATED/100, and an axis file with motor.rated_torque_nm tells",
+        )  # fmt: skip
+    rated = axis.motor.rated_torque_nm
+    if rated is not None and axis.motor.peak_torque_nm is None and recording.side == "motor" and highest > _MOST_RATED * rated:
+        yield Doubt(
+            "the largest torque_nm", f"{highest:.4g} N m", f"at most {_MOST_RATED:g} times the rated {rated:g} N m",
             "look at its unit (thousandths? per cent of rated?) and at motor.rated_torque_nm",
         )  # fmt: skip
     if rated is not None and recording.side == "motor" and float(np.ptp(torque)) < 2e-3 * rated:

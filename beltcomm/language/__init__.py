@@ -85,8 +85,13 @@ def told(sentence: str) -> str:
     """
     for pattern, text in findings(_spoken) if _spoken else ():
         if sentence and (found := pattern.fullmatch(sentence)):
-            return text.format(**{name: told(value) for name, value in found.groupdict().items()})
+            return text.format(**_filled(found))
     return sentence
+
+
+def _filled(found: re.Match[str]) -> dict[str, str]:
+    """What fills a sentence, told too; a name that somebody gave (``{a_name}``) stays, though it may be a word of a screen."""
+    return {name: value if name.endswith("_name") else told(value) for name, value in found.groupdict().items()}
 
 
 def spoken() -> str:
@@ -107,7 +112,7 @@ def line_told(line: str) -> str:
     words = line.lstrip(" !")
     for pattern, text in findings(_spoken, ("sentences",)):
         if words and (found := pattern.fullmatch(words)):
-            return line[: len(line) - len(words)] + text.format(**{name: told(value) for name, value in found.groupdict().items()})
+            return line[: len(line) - len(words)] + text.format(**_filled(found))
     return line
 
 

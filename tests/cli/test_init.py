@@ -10,10 +10,11 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
-from beltcomm.axis import Axis, load_axis
+from beltcomm.axis import Axis, axis_from_dict, load_axis
 from beltcomm.axis.answers import USUAL, in_words, parts, usual, with_part
 from beltcomm.axis.entries import COMMISSION_NEEDS, SECTIONS, entries_of, meaning_of
 from beltcomm.axis.kinds import KINDS
+from beltcomm.axis.together import doubts
 from beltcomm.axis.written import TITLES, commented
 from beltcomm.cli.main import cli
 from beltcomm.configfiles import config_names, find_config, read_yaml, to_yaml, write_text
@@ -249,3 +250,105 @@ def test_everything_is_asked_where_that_is_wished(sheet: Path, tmp_path: Path) -
     assert outcome.exit_code == 0, outcome.output
     assert "[2/" in outcome.stderr
     assert load_axis(path).to_dict() == load_axis(sheet).to_dict()
+
+
+def walked(path: Path, answers: dict[str, list[str]], *, last: str = "") -> Result:
+    """Questions of a belt axis answered by key, the others by Enter; twice where commissioning needs one.   last : key before 'done'."""
+    lines = ["belt", "", "", "axis 1", ""]
+    for section, kind in SECTIONS.items():
+        for name in entries_of(kind):
+            key = f"{section}.{name}"
+            if name != "brake_time_s":
+                lines += answers.get(key, [""] * (1 + (key in COMMISSION_NEEDS)))
+            if key == last:
+                return call("init", str(path), answer="\n".join([*lines, *["done"] * 8, *answers.get("done", [])]) + "\n")
+        lines += [""] * (section == "targets")
+    return call("init", str(path), answer="\n".join(lines) + "\n")
+
+
+def test_a_carriage_does_not_pass_the_driving_pulley(tmp_path: Path) -> None:
+    """It was accepted; the belt before position 0 is asked after the travel, so it is told there."""
+    path = tmp_path / "axis.yaml"
+    travel = {"travel.min_m": ["-200 mm"], "travel.max_m": ["0.5"]}
+    outcome = walked(
+        path, {"pulley.effective_radius_m": ["12.4 mm"], **travel, "travel.driven_side_offset_m": ["", "none", "0.19", "0.25"]}
+    )
+    assert outcome.exit_code == 0, outcome.stderr
+    assert len(re.findall("the carriage would pass the driving pulley by 0.2 m", outcome.stderr)) == 2
+    assert "must be at least 0.2 m, or travel.min_m at least -0.19 m" in outcome.stderr
+    axis = load_axis(path)
+    assert (axis.travel.min_m, axis.travel.driven_side_offset_m) == (-0.2, 0.25)
+
+
+def test_done_does_not_leave_a_contradiction_behind(tmp_path: Path) -> None:
+    path = tmp_path / "axis.yaml"
+    outcome = walked(path, {"travel.min_m": ["-0.2"], "travel.max_m": ["0.5"], "done": ["0.3", *["done"] * 9]}, last="travel.max_m")
+    assert outcome.exit_code == 0, outcome.stderr
+    assert "would pass the driving pulley" in outcome.stderr
+    assert load_axis(path).travel.driven_side_offset_m == 0.3
+
+
+def test_a_file_whose_carriage_passes_the_pulley_is_refused_at_its_line(tmp_path: Path) -> None:
+    data = load_axis("egc-70-600").to_dict()
+    data["travel"]["min_m"] = -0.06
+    write_text(tmp_path / "axis.yaml", to_yaml(data))
+    with pytest.raises(
+        UsageError, match=r"axis\.yaml, line \d+: travel\.min_m is -0\.06 m .* at least 0\.06 m, or travel\.min_m at least -0\.05"
+    ):
+        load_axis(tmp_path / "axis.yaml")
+
+
+#: Two entries that contradict each other and can be -> what is told, and a value of the latter that goes with the former.
+DOUBTFUL = {
+    "speed": ({"motor.max_speed_rad_s": 314.0, "limits.speed_m_s": 5.0}, "no more than 3.9 m/s by motor.max_speed_rad_s", 3.9),
+    "force": ({"limits.pulley_torque_nm": 3.0, "limits.feed_force_n": 260.0}, "no more than 250 N by motor.peak_torque_nm", 240.0),
+    "torque": ({"limits.feed_force_n": 100.0, "limits.pulley_torque_nm": 5.0}, "makes it 403 N", 1.24),
+    "overload": ({"motor.peak_torque_nm": 3.1, "motor.rated_torque_nm": 0.3}, "is 10.3 times motor.rated_torque_nm", 1.43),
+    "targets": ({"targets.settled_error_m": 1e-3, "targets.following_error_m": 1e-4}, "they may be exchanged", 1e-2),
+    "weight": ({"payload.mass_kg": 13.0, "mounting.tilt_deg": 90.0}, "the motor cannot hold it all the time", 0.0),
+    "brake": ({"motor.brake_torque_nm": 0.1, "mounting.tilt_deg": -30.0, "payload.mass_kg": 3.0}, "the brake lets it fall", 1.0),
+}
+
+
+def doubtful(values: dict[str, float]) -> Axis:
+    """A shipped axis with other values."""
+    data = load_axis("egc-70-600").to_dict()
+    for key, value in values.items():
+        section, _, name = key.partition(".")
+        data.setdefault(section, {})[name] = value
+    return axis_from_dict(data)
+
+
+@pytest.mark.parametrize("name", DOUBTFUL)
+def test_what_contradicts_and_yet_can_be_is_told_at_the_end_with_both_values(name: str, tmp_path: Path) -> None:
+    values, told, _ = DOUBTFUL[name]
+    (sentence,) = doubts(doubtful(values))
+    assert told in sentence
+    words = [word for key, value in values.items() for word in ("--set", f"{key}={value}")]
+    outcome = call("init", str(tmp_path / "a.yaml"), "--from", "egc-70-600", "--yes", *words)
+    assert outcome.exit_code == 0, outcome.stderr
+    assert f"Note: {sentence}" in outcome.stdout
+
+
+@pytest.mark.parametrize("name", DOUBTFUL)
+def test_two_that_go_together_leave_no_doubt(name: str) -> None:
+    values, _, fitting = DOUBTFUL[name]
+    values = {**values, list(values)[-1]: fitting}
+    assert doubts(doubtful(values)) == []
+
+
+@pytest.mark.parametrize("name", config_names("axes"))
+def test_a_shipped_axis_leaves_no_doubt(name: str) -> None:
+    assert doubts(load_axis(name)) == []
+
+
+def test_a_doubt_is_told_once_at_its_answer_and_nothing_is_asked_otherwise(tmp_path: Path) -> None:
+    path = tmp_path / "axis.yaml"
+    known = {"motor.max_speed_rad_s": ["3000 rpm"], "pulley.effective_radius_m": ["78 mm/rev"], "limits.speed_m_s": ["5"]}
+    outcome = walked(path, known)
+    assert outcome.exit_code == 0, outcome.stderr
+    (at,) = [found.start() for found in re.finditer(r"Note: limits\.speed_m_s is 5 m/s", outcome.stderr)]
+    assert outcome.stderr.rindex("[25/35]", 0, at) < at < outcome.stderr.index("[26/35]")
+    asked = [int(number) for number in re.findall(r"\[(\d+)/35\]", outcome.stderr)]
+    assert asked == sorted(asked)
+    assert set(asked) == set(range(1, 36)) - {8}, "no time of a brake that is not there"

@@ -128,3 +128,42 @@ def test_doubts_are_shown_and_are_in_the_json(tmp_path: Path) -> None:
     shown = CliRunner().invoke(cli, [*words, *mapping])
     assert "  doubt: the inertia by the regression of torque_nm on acceleration is" in shown.stdout
     assert '"expected": "5.02e-05 to 0.0309 kg m' in CliRunner().invoke(cli, [*words, *mapping, "--json"]).stdout
+
+
+SHARES = {
+    "thousandths": (np.round(1000.0 * TORQUE / 1.43), "it looks like thousandths"),
+    "per cent": (np.round(100.0 * TORQUE / 1.43, 1), "per cent of"),
+}
+
+
+@pytest.mark.parametrize("share", SHARES)
+@pytest.mark.parametrize("header", ["t,Torque [Nm],Angle [rad]", "t_s,torque_nm,position_rad", "t,Drehmoment,Winkel [rad]"])
+@pytest.mark.parametrize("axis", ["", "egc-70-600"])
+def test_a_share_of_the_rated_torque_that_no_header_states_is_never_taken_in_silence(
+    share: str, header: str, axis: str, tmp_path: Path
+) -> None:
+    """Asked for where the unit is open; refused where the motor cannot give as much; a doubt where nothing is known of the motor."""
+    torque, doubt = SHARES[share]
+    rows = "\n".join(f"{a:.4f},{b:g},{c:.6f}" for a, b, c in zip(T, torque, ANGLE, strict=True))
+    path = write(tmp_path / "a.csv", f"{header}\n{rows}\n")
+    outcome = CliRunner().invoke(cli, ["import", str(path), "--run", str(tmp_path / "run"), *(["--axis", axis] if axis else [])])
+    told = " ".join(outcome.output.split())
+    if header.startswith("t,Dreh"):
+        assert outcome.exit_code == 1
+        assert "torque_nm: its unit is not stated" in told
+    elif axis:
+        assert outcome.exit_code == 3
+        assert "gives at most 3.1 N m; look at the column's unit (thousandths? per cent of rated?)" in told
+    else:
+        assert outcome.exit_code == 0
+        assert doubt in told
+
+
+def test_newton_metres_with_their_decimals_and_a_current_in_tenths_raise_no_doubt() -> None:
+    bare = replace(AXIS, motor=replace(AXIS.motor, peak_torque_nm=None, rated_torque_nm=None))
+    for record in (
+        Recording("a", T, np.round(20.0 * TORQUE, 2), ANGLE),
+        Recording("a", T, np.round(TORQUE, 1), ANGLE),
+        Recording("a", T, np.round(20.0 * TORQUE, 1), ANGLE, side="ampere"),
+    ):
+        assert not [doubt for doubt in map(str, findings(record, bare)) if "in steps of 0.1" in doubt or "whole numbers" in doubt]

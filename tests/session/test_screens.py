@@ -6,6 +6,7 @@ import io
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -19,14 +20,17 @@ from beltcomm.cli.terminal import console_of, echo
 from beltcomm.configfiles import config_names
 from beltcomm.drive import open_drive
 from beltcomm.errors import SafetyStop
+from beltcomm.experiments.commission import identify_here
 from beltcomm.experiments.plan import commission_plan, identify_plan
 from beltcomm.experiments.plan_screen import plan_screen
 from beltcomm.machine.heat import Thermal
 from beltcomm.result import plain
+from beltcomm.rundata.first_motions import Breakaway
 from beltcomm.rundata.headline import headline_of
 from beltcomm.rundata.store import cascade_from_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import outcome, screens
+from beltcomm.sentences.words import SHOWN
 from beltcomm.talk import CarriagePosition, Gauge
 from session.conftest import Complete
 
@@ -85,7 +89,7 @@ def test_screen_and_details_of_a_plan_have_one_belt_force(name: str) -> None:
 def test_the_live_display_is_a_screen(columns: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """With everything that can be told at once."""
     monkeypatch.setenv("COLUMNS", str(columns))
-    found = {"direction": "ok", "breakaway": "0.142 N m", "mass": "13.4 kg", "resonance": "107 Hz", "following error": "0.136 mm"}
+    found = {"direction": "ok", "breakaway": "142 mN m (11.4 N)", "mass": "13.4 kg", "resonance": "107 Hz", "following error": "0.136 mm"}
     display = Display("6/9", "strokes, responses, moves", Pace(lambda: 0.0), lambda: 0.0, found)
     gauges = (Gauge("torque", -3.0, 3.1, "N m"), Gauge("belt", 99.0, 99.8, "N"), Gauge("speed", 0.2, 0.5, "m/s"))
     display.moving(CarriagePosition("friction_sweep_12", 0.281, (-0.01, 0.57), left_s=41.0, gauges=gauges))
@@ -96,8 +100,31 @@ def test_the_live_display_is_a_screen(columns: int, monkeypatch: pytest.MonkeyPa
     assert len(lines) <= (10 if columns >= WIDE else HIGH)
     assert max(map(len, lines)) <= columns
     text = " ".join(" ".join(lines).split())
-    for word in ("6/9", "281 mm", "99", "Ctrl-C", "0.142 N m", "13.4 kg"):
+    for word in ("6/9", "281 mm", "99", "Ctrl-C", "142 mN m", "13.4 kg"):
         assert word in text
+
+
+class _Enough(Exception):
+    """The first of what is found was told."""
+
+
+@pytest.mark.parametrize(
+    ("torque_nm", "told"), [(0.1424, "142 mN m (11.5 N)"), (0.00731, "7.31 mN m (0.589 N)"), (1.3, "1300 mN m (105 N)")]
+)
+def test_breakaway_is_told_in_the_unit_of_friction(torque_nm: float, told: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It stood in N m alone, beside tables of friction in mN m and a verdict in N."""
+
+    def enough(*_: object) -> None:
+        raise _Enough
+
+    monkeypatch.setattr("beltcomm.experiments.phases.sign_and_scale", lambda _: Breakaway(torque_nm, torque_nm))
+    monkeypatch.setattr("beltcomm.experiments.sameness.check_breakaway", enough)
+    found: dict[str, str] = {}
+    machine = SimpleNamespace(axis=load_axis("egc-70-600"), begin=lambda _: None, found=found.__setitem__)
+    with pytest.raises(_Enough):
+        identify_here(machine, SimpleNamespace())  # type: ignore[arg-type]
+    assert found["breakaway"] == told
+    assert f" {SHOWN['coulomb.level'][1]} (" in told
 
 
 def answer(complete: Complete, findings: object, folder: RunFolder) -> list[str]:

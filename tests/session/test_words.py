@@ -6,10 +6,12 @@ import re
 from dataclasses import replace
 
 import pytest
+from click.testing import CliRunner
 
 from beltcomm.app.laboratory import _in_own_units
 from beltcomm.axis.terms import PLAIN
-from beltcomm.effects import effect_named
+from beltcomm.cli.main import cli
+from beltcomm.effects import EFFECTS, Effect, effect_named
 from beltcomm.model import load_plant
 from beltcomm.quantities import in_mm, mm, read_in
 from beltcomm.sentences.ladder import number_lines
@@ -58,3 +60,37 @@ def test_verdict_lines_of_an_effect_and_the_page_have_one_unit_for_a_friction() 
     assert line.startswith("viscous.damping = 2.53 ± 0.02 mN m s/rad")
     assert (page["value"], page["unit"], page["interval"]) == (pytest.approx(2.53), "mN m s/rad", pytest.approx(0.02))
     assert SHOWN["viscous.damping"][1:] == ("mN m s/rad", 1e3)
+
+
+@pytest.mark.parametrize(
+    ("unit", "bound", "told"),
+    [
+        *[("m", 2e-3, (1e6, "µm")), ("m", 5e-3, (1e3, "mm")), ("m", 0.0, (1e3, "mm")), ("s", 0.2, (1e3, "ms")), ("s", 2000.0, (1.0, "s"))],
+        *[("kg m2", 10.0, (1e4, "kg cm²")), ("N/m", 1e8, (1e-3, "kN/m")), ("N/m", 500.0, (1.0, "N/m")), ("N", 1e7, (1e-3, "kN"))],
+        *[("N", 4000.0, (1.0, "N")), ("rad", 2e-3, (1e3, "mrad")), ("rad/s", 10.0, (1.0, "rad/s")), ("1", 0.5, (1.0, "1"))],
+    ],
+)
+def test_what_belongs_to_the_mechanics_is_read_in_multiples_of_the_trade(unit: str, bound: float, told: tuple[float, str]) -> None:
+    assert read_in(unit, bound) == told
+
+
+def test_a_parameter_has_one_unit_in_the_table_of_the_model_and_at_its_effect() -> None:
+    bounds = {f"{effect.owner or effect.name}.{p.name}": p for effect in EFFECTS for p in effect.parameters}
+    differing = {
+        name: (unit, read_in(bounds[name].unit, bounds[name].high))
+        for name, (_, unit, factor) in SHOWN.items()
+        if name in bounds and read_in(bounds[name].unit, bounds[name].high) != (factor, unit)
+    }
+    assert differing == {}
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)
+def test_bounds_of_an_effect_have_their_unit_and_no_powers_of_ten(effect: Effect) -> None:
+    text = CliRunner().invoke(cli, ["effects", effect.name]).stdout
+    for parameter in effect.parameters:
+        shown = rf"^  {parameter.name} \(\w+ side\), (-?[\d .]+ \.\.\. [\d .]+?)(| (?:[A-Za-zµ°]|1/)[^:]*): {re.escape(parameter.meaning)}$"
+        (line,) = re.findall(shown, text, re.MULTILINE)
+        factor, unit = read_in(parameter.unit, parameter.high)
+        ends = [float(end.replace(" ", "")) for end in line[0].split("...")]
+        assert ends == pytest.approx([factor * parameter.low, factor * parameter.high], rel=1e-3)
+        assert line[1].strip() == ("" if unit == "1" else unit.replace("m2", "m²").replace("m3", "m³").replace("s2", "s²"))
