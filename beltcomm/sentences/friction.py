@@ -81,7 +81,7 @@ def study_lines(sweeps: Sequence[Sweep], drifts: Mapping[int, Drift | str], left
         lines += _table(shown)
         lines += _order_lines(shown)
     lines += [
-        f"  {s.name}: too few of its {len(s.plateaus)} passes moved as they were asked to for friction of its own; they count in that of all"
+        f"  {s.name}: too few of its {len(s.plateaus)} passes moved as asked for friction of its own; they count in that of all"
         for s in sweeps
         if s.fit is None and len({round(abs(p.reference_rad_s), 6) for p in s.plateaus}) >= FEWEST_SPEEDS
     ]
