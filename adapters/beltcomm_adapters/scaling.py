@@ -20,8 +20,9 @@ _TURN: Final = 2.0 * math.pi
 _RPM: Final = _TURN / 60.0
 #: Internal units of the Metronix family, per revolution, per min⁻¹ and per min⁻¹/s (F1 p80-87).
 _INTERNAL_POSITION, _INTERNAL_SPEED, _INTERNAL_ACCELERATION = 65536, 4096, 256
-#: N m in one unit of 6076h, what CiA 402 says first, then what makers do.
-_TORQUE_UNITS: Final[Mapping[float, str]] = {1e-3: "mN m", 1e-6: "µN m", 1.0: "N m", 1e-2: "cN m", 1e-4: "0.1 mN m"}
+#: N m in one unit of 6076h, what CiA 402 says first, then what makers do.  Not 0.1 mN m: a motor entered with ten times its torque reads
+#: alike, and would get ten times what is asked for.
+_TORQUE_UNITS: Final[Mapping[float, str]] = {1e-3: "mN m", 1e-6: "µN m", 1.0: "N m", 1e-2: "cN m"}
 #: A in one unit of 6075h, likewise.
 _CURRENT_UNITS: Final[Mapping[float, str]] = {1e-3: "mA", 1e-2: "0.01 A", 0.1: "0.1 A", 1.0: "A"}
 #: Share of a rating above which a whole unit is too coarse to tell it.
