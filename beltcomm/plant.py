@@ -33,8 +33,8 @@ def _checked_number(name: str, value: object, entry: AxisEntry) -> float | int:
 class Instruments:
     """Deviations of a real drive's torque and angle from a pure delay, white noise and whole counts, at the motor shaft.
 
-    The torque goes: setpoint, ``setpoint_delay_s``, slope limit, setpoint filter, current loop, + process torque = acting torque; acting
-    torque (or the command in front of the current loop), mean of a tick, late, filter and noise, steps = 6077h.
+    The torque goes: setpoint, ``setpoint_delay_s``, slope limit, setpoint filter, low-pass, notch, current loop, + process torque = acting
+    torque; acting torque (or the command in front of the current loop), mean of a tick, late, filter and noise, steps = 6077h.
 
     Parameters
     ----------
@@ -42,6 +42,10 @@ class Instruments:
         Slope limit of the setpoint, N m/s; 0: none.
     setpoint_filter_s : float
         Time constant of the setpoint's first-order filter, s.
+    setpoint_low_pass_hz : float
+        Cut-off of a second-order Butterworth low-pass behind it, Hz; 0: none.
+    setpoint_notch_hz, setpoint_notch_width_hz, setpoint_notch_db : float
+        Middle of a notch behind them against a resonance, Hz, 0: none; its width at -3 dB, were it of no bottom, Hz; its depth, dB.
     current_loop_s : float
         Time constant of a current loop of first order, s.
     current_loop_hz, current_loop_damping : float
@@ -69,6 +73,10 @@ class Instruments:
 
     torque_slew_nm_s: float = _number(0.0, "slope limit of the torque setpoint", at_least=0.0)
     setpoint_filter_s: float = _number(0.0, "filter of the torque setpoint", at_least=0.0, at_most=0.1)
+    setpoint_low_pass_hz: float = _number(0.0, "cut-off of the torque setpoint's low-pass", at_least=0.0, at_most=2e4)
+    setpoint_notch_hz: float = _number(0.0, "middle of the torque setpoint's notch", at_least=0.0, at_most=2e4)
+    setpoint_notch_width_hz: float = _number(50.0, "width of the torque setpoint's notch", above=0.0, at_most=2e4)
+    setpoint_notch_db: float = _number(20.0, "depth of the torque setpoint's notch", at_least=0.0, at_most=100.0)
     current_loop_s: float = _number(0.0, "time constant of the current loop", at_least=0.0, at_most=0.1)
     current_loop_hz: float = _number(0.0, "natural frequency of the current loop", at_least=0.0, at_most=2e4)
     current_loop_damping: float = _number(0.7, "damping ratio of the current loop", above=0.0, at_most=10.0)

@@ -297,7 +297,7 @@ class StateMachine:
                 self._link.pump(0.01)
 
     def disable(self, timeout_s: float = 3.0) -> None:
-        """Quick stop when the axis is enabled, then take the stage off.
+        """Quick stop when the axis is enabled, then take the stage off; a stop that is under way is waited for, that of a fault too.
 
         Parameters
         ----------
@@ -311,10 +311,11 @@ class StateMachine:
         DriveError
             When the stage stays on.
         """
-        state = self.state()
+        state, braking = self.state(), (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
         if state is State.OPERATION_ENABLED:
             self._objects.write(0x6040, 0, "uint16", QUICK_STOP)
-            self._wait(lambda word: state_of(word) not in (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE), timeout_s)
+        if state in braking:  # with the stage off it would coast, and gains are not taken while it is on
+            self._wait(lambda word: state_of(word) not in braking, timeout_s)
         self._objects.write(0x6040, 0, "uint16", DISABLE_VOLTAGE)
         live = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.SWITCHED_ON)
         if not self._wait(lambda word: state_of(word) not in live, timeout_s):

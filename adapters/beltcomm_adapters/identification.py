@@ -209,6 +209,7 @@ def read_capabilities(
         else _doubt(profile),
         torque_reading=_stated(profile),
         stop_unit=scaling.stop_unit,
+        following_error_stops=profile.following_error == "stops",
         units=scaling.told_units(),
         shortest_guard_s=max(SHORTEST_GUARD_S, GUARD_PERIODS * period_s),
     )

@@ -209,6 +209,8 @@ def _abilities(facts: Facts) -> list[str]:
     lines += [
         "# Which filters its velocity loop has, for the design: none, notch, butterworth.",
         "# structure: {prefilters: [none, notch]}",
+        "# What a following error beyond 6065h does: stops (a fault, 8611h) or reported (bit 13 of 6041h); unknown makes moves slower.",
+        "# following_error: stops",
         "# When the reported torque acted: after (the period before its frame) or over (the one that follows).",
         "# torque_sampling: after",
         "# Where the acting torque stands, if not in 6077h or in other units; what is known of it is held against what the motion shows.",

@@ -193,6 +193,7 @@ PROFILE: Final = FieldGroup(
         "enable_logic": FieldGroup({**_PLACE, "type": _TYPE, "value": _whole("a value", 0, 0xFFFFFFFF)}, (*_PLACE, "type", "value")),
         "torque_slope_permille_s": _whole("6087h", 1, 0xFFFFFFFF),
         "torque_exit": _choice("quick_stop", "velocity"),
+        "following_error": _choice("stops", "reported", "unknown"),
         "torque_limit_lowest_permille": _number("thousandths of rated torque", 0, 1000),
         "referenced": FieldGroup({**_PLACE, "bit": _BIT}, (*_PLACE, "bit")),
         **{name: FieldGroup(_PLACE, tuple(_PLACE)) for name in ("loop_period", "overload_time", "output_limit", "dead_zone")},

@@ -135,6 +135,8 @@ class Profile:
     torque_exit : Literal['quick_stop', 'velocity']
         What brakes an axis out of torque mode: its quick stop, or, where that only takes the torque away, profile velocity (mode 3) at
         no speed before it.
+    following_error : Literal['stops', 'reported', 'unknown']
+        What a following error beyond 6065h does in the drive: a fault that stops it (8611h), or only bit 13 of 6041h.
     torque_limit_lowest_permille : int
         Smallest 6072h the drive takes.
     loop_period : tuple[int, int] or None
@@ -174,6 +176,7 @@ class Profile:
     enable_logic: tuple[int, int, str, int] | None = None
     torque_slope_permille_s: int | None = None
     torque_exit: Literal["quick_stop", "velocity"] = "quick_stop"
+    following_error: Literal["stops", "reported", "unknown"] = "unknown"
     torque_limit_lowest_permille: int = 0
     loop_period: tuple[int, int] | None = None
     referenced: tuple[int, int, int] | None = None

@@ -20,9 +20,13 @@ _TURN: Final = 2.0 * math.pi
 _RPM: Final = _TURN / 60.0
 #: Internal units of the Metronix family, per revolution, per min⁻¹ and per min⁻¹/s (F1 p80-87).
 _INTERNAL_POSITION, _INTERNAL_SPEED, _INTERNAL_ACCELERATION = 65536, 4096, 256
-#: N m in one unit of 6076h, by what CiA 402 says and by what makers do.
-_MILLI_NM: Final = 1e-3
+#: N m in one unit of 6076h, what CiA 402 says first, then what makers do.  Not 0.1 mN m: a motor entered with ten times its torque reads
+#: alike, and would get ten times what is asked for.
 _TORQUE_UNITS: Final[Mapping[float, str]] = {1e-3: "mN m", 1e-6: "µN m", 1.0: "N m", 1e-2: "cN m"}
+#: A in one unit of 6075h, likewise.
+_CURRENT_UNITS: Final[Mapping[float, str]] = {1e-3: "mA", 1e-2: "0.01 A", 0.1: "0.1 A", 1.0: "A"}
+#: Share of a rating above which a whole unit is too coarse to tell it.
+_COARSE: Final = 0.02
 #: How near a rated torque must be to that of axis.yaml for its unit to be told by it.
 _SAME_RATING: Final = 1.6
 _LARGEST: Final = 2**32 - 1
@@ -221,17 +225,24 @@ def _rated_torque_nm(objects: Objects, profile: Profile, plate: KnownMotor, said
             )
         said.append(f"the drive tells no rated torque (6076h): {expected:.4g} N m from axis.yaml are taken")
         return expected
-    unit = profile.rated_torque_unit_nm
-    if unit is None:
-        unit = _MILLI_NM
-        if expected is not None and not _alike(raw * unit, expected):
-            fitting = [one for one in _TORQUE_UNITS if _alike(raw * one, expected)]
-            if fitting:
-                unit = fitting[0]
-                said.append(
-                    f"6076h = {raw} is {raw * unit:.4g} N m if it counts in {_TORQUE_UNITS[unit]}, which agrees with axis.yaml "
-                    f"({expected:.4g} N m), and not in mN m as CiA 402 says"
-                )
+    if profile.rated_torque_unit_nm is not None:
+        return raw * profile.rated_torque_unit_nm
+    return _rating(0x6076, raw, expected, _TORQUE_UNITS, "N m", said)
+
+
+def _rating(index: int, raw: int, expected: float | None, units: Mapping[float, str], of: str, said: list[str]) -> float:
+    """A rating in the first of the units, or that in which it agrees with axis.yaml; axis.yaml's where the drive counts too coarsely."""
+    usual = unit = next(iter(units))
+    if expected is not None and not _alike(raw * unit, expected):
+        unit = next((one for one in units if _alike(raw * one, expected)), usual)
+        if unit != usual:
+            said.append(
+                f"{index:04X}h = {raw} is {raw * unit:.4g} {of} if it counts in {units[unit]}, which agrees with axis.yaml "
+                f"({expected:.4g} {of}), and not in {units[usual]} as CiA 402 says"
+            )
+            if unit > _COARSE * expected and abs(raw * unit - expected) < unit:
+                said.append(f"{index:04X}h is too coarse in {units[unit]}: {expected:.4g} {of} from axis.yaml are taken")
+                return expected
     return raw * unit
 
 
@@ -240,10 +251,11 @@ def _alike(one: float, other: float) -> bool:
 
 
 def _rated_current_a(objects: Objects, plate: KnownMotor, torque_nm: float, said: list[str]) -> float:
-    """6075h, A; where the drive does not tell it, by the torque constant, and without that so many ampere as newton metres."""
+    """6075h, A, as 6076h; where the drive does not tell it, by the torque constant, and without that so many ampere as newton metres."""
     raw = objects.read_if_there(0x6075, 0, "uint32")
     if raw:
-        return raw * 1e-3
+        by_torque = (plate.rated_torque_nm or torque_nm) / plate.torque_constant_nm_a if plate.torque_constant_nm_a else None
+        return _rating(0x6075, raw, by_torque, _CURRENT_UNITS, "A", said)
     if plate.torque_constant_nm_a:
         found = torque_nm / plate.torque_constant_nm_a
         said.append(f"the drive tells no rated current (6075h): {found:.4g} A by the torque constant in axis.yaml are taken")

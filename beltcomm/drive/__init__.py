@@ -319,6 +319,9 @@ class Capabilities:
         Of the encoder, where the positions are coarser than that.
     stop_unit : str
         In words, what the deceleration of its quick stop counts in and who says so, where the drive itself does not; "" where it does.
+    following_error_stops : bool
+        A following error beyond its window is known to be a fault that stops it; where it is not, a host that is lost in a move is
+        predicted without it as well.
     units : Mapping of str to float, SI at the motor shaft
         One raw unit of position, speed, acceleration and torque, by these names: those that drive or profile tell.
     """
@@ -353,6 +356,7 @@ class Capabilities:
     feel_rad: float = 0.0
     torque_reading: StatedReading | None = None
     stop_unit: str = ""
+    following_error_stops: bool = False
     units: Mapping[str, float] = field(default_factory=dict)
 
 

@@ -306,6 +306,7 @@ def worst_stops(
     bounded = replace(drive.simulated, torque_limit_nm=lent_torque_nm(machine, model, whole.asked_nm))
     guard_s = GUARD_S + sent.sample_period_s
     lost = StopReaction(lag_m / ratio, max(FOLLOWING_ERROR_S, sent.sample_period_s), guard_s, machine.deceleration_m_s2)
+    losses = [lost] if machine.drive.capabilities.following_error_stops else [lost, replace(lost, window_rad=math.inf)]
     moving = np.flatnonzero(speed)
     ends = np.unique(np.linspace(max(1, moving[0]), moving[-1], instants).astype(int)) if len(moving) else ()
 
@@ -326,4 +327,4 @@ def worst_stops(
     places = start_m + whole.cart_m
     completed = StopOutOfMove(float(np.ptp(places)), float(places.min()), float(places.max()), float(whole.belt_force_n.max()))
     behind = float(np.max(np.abs(ratio * (position - position[0] - whole.position_rad))))
-    return StopsOutOfMove(worst(replace(lost, window_rad=math.inf, guard_s=0.0)), worst(lost), completed, behind)
+    return StopsOutOfMove(worst(replace(lost, window_rad=math.inf, guard_s=0.0)), reduce(or_, map(worst, losses)), completed, behind)

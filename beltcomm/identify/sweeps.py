@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -70,7 +71,7 @@ class Sweep:
     from_s, to_s : float or None
         Of its passes on that clock; None when the records do not know it.
     fit : FrictionFit or None
-        (3.36) from ``slowest_rad_s`` on, None with too few speeds.
+        (3.36) from ``slowest_rad_s`` on, None with too few speeds, or too few passes that show friction.
     """
 
     note: SweepNote
@@ -263,7 +264,10 @@ def _sweep(records: Sequence[Recording], slowest_rad_s: float, inertia_kg_m2: fl
         passes += [replace(p, start_s=p.start_s + shift) for p in found]
     passes.sort(key=lambda p: p.start_s)
     speeds = {round(abs(p.reference_rad_s), 6) for p in passes if abs(p.reference_rad_s) >= slowest_rad_s}
-    fit = fit_friction(passes, slowest_rad_s=slowest_rad_s) if len(speeds) >= FEWEST_SPEEDS else None
+    fit = None
+    if len(speeds) >= FEWEST_SPEEDS:
+        with suppress(DataError):  # a weak loop has missed most of its speeds: the passes that are left count in the fit over all sweeps
+            fit = fit_friction(passes, slowest_rad_s=slowest_rad_s)
     timed = clock and bool(passes)
     return Sweep(
         note_of(records[0].sidecar, records[0].name),

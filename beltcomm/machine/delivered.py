@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +26,19 @@ AT_ONCE = 0.4
 LOST = 0.02
 #: Share of the largest setpoint from where on it counts as large; switches without which no step is looked at.
 LARGE, FEWEST_SWITCHES = 0.9, 8
+#: Rows of a segment of the spectra; share of the loudest line from which on a line is asked; of the sampling rate, up to which they are.
+ROWS, ASKED, HIGHEST = 256, 1e-3, 0.35
+#: Share of what passes on either side, below which a line is in a notch; standard deviations of noise that go with it.
+NOTCHED, SURE = 0.5, 3.0
+
+
+@dataclass(frozen=True)
+class Notch:
+    """A band that the drive takes out of its torque.   hz : its middle.   share, beside : delivered there, and below it."""
+
+    hz: float
+    share: float
+    beside: float
 
 
 @dataclass(frozen=True)
@@ -33,7 +47,8 @@ class Delivered:
 
     correlation : there, with sign.   lag : samples.
     largest_asked_nm, largest_nm : mean torque where the setpoint is largest.   step_share : largest part of a switch that one sample
-    brings, NaN where nothing switches.   slope_nm_s : the rate that this is.   lost : share of samples.
+    brings, NaN where nothing switches.   slope_nm_s : the rate that this is.   lost : share of samples.   notch : None for none; share
+    is then that below it.
     """
 
     share: float
@@ -44,11 +59,12 @@ class Delivered:
     step_share: float
     slope_nm_s: float
     lost: float
+    notch: Notch | None = None
 
     @property
     def sound(self) -> bool:
         """True if nothing is to be said."""
-        return SOUND[0] <= self.share <= SOUND[1] and self.correlation >= RELATED and self.lost <= LOST
+        return self.notch is None and SOUND[0] <= self.share <= SOUND[1] and self.correlation >= RELATED and self.lost <= LOST
 
     def words(self) -> str:
         """Delivered torque and its probable limit, in words."""
@@ -61,6 +77,12 @@ class Delivered:
             parts.append(
                 f"the torque has little to do with what was asked for (correlation {self.correlation:.2f}): is another mode or another "
                 "master at work in the drive?"
+            )
+        elif self.notch is not None:
+            parts.append(
+                f"the drive takes a band out of the torque asked for: near {self.notch.hz:.0f} Hz it delivers "
+                f"{100.0 * self.notch.share:.0f} %, below {100.0 * self.notch.beside:.0f} %. A notch of its own against a resonance? The "
+                "model has none in its torque path: switch it off with the maker's tool, and begin anew"
             )
         elif not SOUND[0] <= self.share <= SOUND[1]:
             parts.append(f"the drive delivered {100.0 * self.share:.0f} % of the torque asked for: {self._limit()}")
@@ -104,7 +126,37 @@ def _delivered(recording: Recording) -> Delivered | None:
     if chain is not None and filtered and not (step < AT_ONCE and _limited_rest(asked, torque, slope * period) < chain.rest_nm):
         share = chain.law.gain
     samples = 1 + round(recording.duration_s / period)
-    return Delivered(share, correlation, lag, level, reached, step, slope, max(0.0, 1.0 - len(recording.t_s) / samples))
+    lost = max(0.0, 1.0 - len(recording.t_s) / samples)
+    whole = len(recording.t_s) >= samples and not step < AT_ONCE  # ramps of a limited rate leave out bands, too
+    notch = _notch(asked, torque, 1.0 / period) if whole and correlation > -RELATED else None
+    if notch is not None:
+        share, correlation = notch.beside, max(correlation, RELATED)
+    return Delivered(share, correlation, lag, level, reached, step, slope, lost, notch)
+
+
+def _notch(asked: Array, torque: Array, rate_hz: float) -> Notch | None:
+    """The band that misses in the torque and not in what was asked, with more on either side of it; None where there is none.
+
+    |H| = |S_uy|/S_uu by Welch's segments; its noise is what of the torque is not of the setpoint.
+    """
+    from scipy.signal import csd, welch  # takes longer to import than a record to check
+
+    if len(asked) < 4 * ROWS:
+        return None
+    given: dict[str, Any] = {"fs": rate_hz, "window": "hann", "nperseg": ROWS}
+    hz, asked_power = welch(asked, **given)
+    power, both = welch(torque, **given)[1], csd(asked, torque, **given)[1]
+    used = (hz > 0.0) & (hz <= HIGHEST * rate_hz) & (asked_power >= ASKED * asked_power.max())
+    gain = np.abs(both[used]) / asked_power[used]
+    rest = np.maximum(power[used] - gain**2 * asked_power[used], 0.0)
+    noise = SURE * np.sqrt(rest / asked_power[used] / (2.0 * len(asked) / ROWS - 1.0))
+    if len(gain) < FEWEST_SWITCHES:
+        return None
+    middle = 1 + int(np.argmin((gain + noise)[1:-1]))
+    below, above = (float(np.max(side)) for side in ((gain - noise)[:middle], (gain - noise)[middle + 1 :]))
+    if gain[middle] + noise[middle] >= NOTCHED * min(below, above):
+        return None
+    return Notch(float(hz[used][middle]), float(gain[middle]), float(np.median(gain[: max(1, middle // 2)])))
 
 
 def _related(asked: Array, torque: Array, lag: int) -> tuple[float, float]:

@@ -104,8 +104,8 @@ def _ratings(axis: Axis, capabilities: Capabilities) -> tuple[Rating, ...]:
             capabilities.rated_current_a,
             current,
             "A rms",
-            "by motor.rated_torque_nm over motor.torque_constant_nm_a; every current, torque and I²t limit would be scaled by that. "
-            "Correct the motor data of the drive (6075h) or of axis.yaml",
+            "by motor.rated_torque_nm over motor.torque_constant_nm_a; every current, torque and I²t limit would be scaled by that "
+            "(1.41 times or 0.71: peak amperes beside rms). Correct the motor data of the drive (6075h) or of axis.yaml",
         ),
         *limit_ratings(axis, capabilities.peak_torque_nm, capabilities.max_speed_rad_s),
         counts_rating(axis, capabilities.encoder_counts_per_rev or capabilities.counts_per_rev),

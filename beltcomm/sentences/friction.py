@@ -11,7 +11,7 @@ import numpy as np
 
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.standstill import Standstill
-from beltcomm.identify.sweeps import Drift, LoadDependence, Sweep, clear
+from beltcomm.identify.sweeps import FEWEST_SPEEDS, Drift, LoadDependence, Sweep, clear
 from beltcomm.model.value import Value
 from beltcomm.result import table
 from beltcomm.schedule.strokes import DEFAULT
@@ -80,6 +80,11 @@ def study_lines(sweeps: Sequence[Sweep], drifts: Mapping[int, Drift | str], left
     if len(shown) > 1 or any(s.note.measurement for s in shown):
         lines += _table(shown)
         lines += _order_lines(shown)
+    lines += [
+        f"  {s.name}: too few of its {len(s.plateaus)} passes moved as asked for friction of its own; they count in that of all"
+        for s in sweeps
+        if s.fit is None and len({round(abs(p.reference_rad_s), 6) for p in s.plateaus}) >= FEWEST_SPEEDS
+    ]
     passes = [p for s in shown for p in s.plateaus]
     missed = sum(not p.reached_speed for p in passes)
     if missed > MISSED_SHARE * len(passes):

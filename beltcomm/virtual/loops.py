@@ -103,7 +103,8 @@ class Loops:
     def reload_limit(self) -> None:
         """6072h, 6073h, the motor's peak and I²t make one bound of the torque."""
         entry = self.dictionary.entry
-        current_unit_nm = self._motor.torque_constant_nm_a * entry(0x6075).value * 1e-6  # 0.1 % of rated in mA
+        rated_ma = entry(0x6075).value or 1e3 * self._motor.rated_current_a  # a played drive may not tell it
+        current_unit_nm = self._motor.torque_constant_nm_a * rated_ma * 1e-6  # 0.1 % of rated in mA
         of_peak = self.profile.peak_torque_units
         self.nm_per_unit = self._motor.peak_torque_nm / of_peak if of_peak else current_unit_nm
         limit = min(self.nm_per_unit * entry(0x6072).value, current_unit_nm * entry(0x6073).value, self._motor.peak_torque_nm)

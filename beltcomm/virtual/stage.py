@@ -144,32 +144,47 @@ class TorqueDelivery:
 
 def _rate_matrix(instruments: Instruments, tick_s: float, current_loop: bool) -> Array:
     """d/dt of (x, u, slope of u, integral of y), time in ticks."""
-    stages: list[tuple[float, ...]] = []
+    stages: list[tuple[float, ...]] = []  # rate; damping of the second order; of a notch, by how much that at its bottom is less
     if instruments.setpoint_filter_s > 0.0:
         stages.append((tick_s / instruments.setpoint_filter_s,))
+    if instruments.setpoint_low_pass_hz > 0.0:
+        stages.append((math.tau * instruments.setpoint_low_pass_hz * tick_s, math.sqrt(0.5)))
+    if instruments.setpoint_notch_hz > 0.0:
+        damping = 0.5 * instruments.setpoint_notch_width_hz / instruments.setpoint_notch_hz
+        stages.append(
+            (math.tau * instruments.setpoint_notch_hz * tick_s, damping, damping * (1.0 - 10.0 ** (-0.05 * instruments.setpoint_notch_db)))
+        )
     if current_loop and instruments.current_loop_s > 0.0:
         stages.append((tick_s / instruments.current_loop_s,))
     if current_loop and instruments.current_loop_hz > 0.0:
         stages.append((math.tau * instruments.current_loop_hz * tick_s, instruments.current_loop_damping))
-    order = sum(map(len, stages))
+    order = sum(min(len(stage), 2) for stage in stages)
     matrix = np.zeros((order + 3, order + 3))
     matrix[order, order + 1] = 1.0
-    source = order
+    source = np.eye(order + 3)[order]  # what the next stage takes in, as a sum of the states
     at = 0
     for stage in stages:
         rate = stage[0]
         if len(stage) == 1:
-            matrix[at, at], matrix[at, source] = -rate, rate
-            source, at = at, at + 1
+            matrix[at] = rate * source
+            matrix[at, at] -= rate
+            source = np.eye(order + 3)[at]
+            at += 1
+            continue
+        # y' = w (z - y),  z' = w (in - y) - (2 d - 1) w (z - y): z is where y goes, and in when the loop rests.
+        damping = stage[1]
+        matrix[at, at], matrix[at, at + 1] = -rate, rate
+        matrix[at + 1] = rate * source
+        matrix[at + 1, at + 1] += -(2.0 * damping - 1.0) * rate
+        matrix[at + 1, at] += (2.0 * damping - 2.0) * rate
+        if len(stage) == 3:  # in - 2 (d - d0) (z - y), for 2 d (z - y) is the band that a notch of no depth left would let pass alone
+            source = source.copy()
+            source[at + 1] -= 2.0 * stage[2]
+            source[at] += 2.0 * stage[2]
         else:
-            # y' = w (z - y),  z' = w (in - y) - (2 d - 1) w (z - y): z is where y goes, and in when the loop rests.
-            damping = stage[1]
-            matrix[at, at], matrix[at, at + 1] = -rate, rate
-            matrix[at + 1, source] = rate
-            matrix[at + 1, at + 1] = -(2.0 * damping - 1.0) * rate
-            matrix[at + 1, at] = (2.0 * damping - 2.0) * rate
-            source, at = at, at + 2
-    matrix[order + 2, source] = 1.0
+            source = np.eye(order + 3)[at]
+        at += 2
+    matrix[order + 2] = source
     return matrix
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import itertools
+from types import SimpleNamespace
 
 import pytest
 
-from beltcomm_adapters.cia402 import State, emergency_text, state_of, step_to_enabled
+from beltcomm_adapters.cia402 import DISABLE_VOLTAGE, QUICK_STOP, State, StateMachine, emergency_text, state_of, step_to_enabled
 
 # CiA 402-2, statusword: x0xx in bits 6,5,3..0 as text, "x" is any
 TABLE = {
@@ -48,3 +49,22 @@ def test_a_fault_is_named_by_the_maker_then_by_the_standard():
     assert emergency_text(0x8110, {}) == "CAN overrun: messages were lost"
     assert emergency_text(0x4310, {}) == "temperature"
     assert emergency_text(0xFF01, {}) == "device specific"
+
+
+@pytest.mark.parametrize(("begins", "command"), [(0x27, QUICK_STOP), (0x07, None), (0x0F, None)])
+def test_the_stage_is_taken_off_when_the_axis_has_braked(begins, command):
+    """Enabled, in a quick stop, in a fault reaction: Disable Voltage 0.3 s later, not while the drive brakes."""
+    now, sent = [0.0], []
+    braked = {0x27: 0x40, 0x07: 0x40, 0x0F: 0x08}[begins]
+
+    def statusword(*_place):
+        return braked if now[0] > 0.3 else 0x07 if sent else begins
+
+    def wait(seconds):
+        now[0] += seconds
+
+    objects = SimpleNamespace(read_int=statusword, write=lambda *given: sent.append((given[-1], now[0])))
+    link = SimpleNamespace(clock=SimpleNamespace(now=lambda: now[0]), pump=wait)
+    StateMachine(link, objects, {}).disable()
+    assert [word for word, _ in sent] == ([command] if command is not None else []) + [DISABLE_VOLTAGE]
+    assert sent[-1][1] > 0.3

@@ -225,13 +225,32 @@ def test_what_the_drive_does_not_tell_comes_from_the_axis_file_and_is_said() -> 
     ]
 
 
-@pytest.mark.parametrize(("raw", "said"), [(1430, False), (1430000, True), (143, True)])
+@pytest.mark.parametrize(("raw", "said"), [(1430, False), (1430000, True), (143, True), (1, True)])
 def test_the_unit_of_the_rated_torque_is_told_by_the_axis_file(raw: int, said: bool) -> None:
     node = StubNode()
     node.put(0x6076, 0, raw)
     found = scaling_of(node, PLATE)
     assert found.rated_torque_nm == pytest.approx(1.43)
     assert any("6076h" in text for text in found.said) is said
+
+
+@pytest.mark.parametrize(
+    ("raw", "found_a", "said"), [(2200, 2.2, 0), (220, 2.2, 1), (22, 2.2, 2), (2, 2.2, 2), (3111, 3.111, 0), (7000, 7.0, 0)]
+)
+def test_the_unit_of_the_rated_current_is_told_by_the_axis_file(raw: int, found_a: float, said: int) -> None:
+    """mA, 0.01 A, 0.1 A and A; what agrees with none, and peak amperes, are left to the check of the ratings, which refuses them."""
+    node = StubNode()
+    node.put(0x6075, 0, raw)
+    found = scaling_of(node, PLATE)
+    assert found.rated_current_a == pytest.approx(found_a)
+    assert sum("6075h" in text for text in found.said) == said
+
+
+def test_a_rated_torque_that_agrees_in_no_unit_is_taken_as_cia_402_says() -> None:
+    node = StubNode()
+    node.put(0x6076, 0, 14300)  # ten times: it may be 0.1 mN m, or a motor that was entered wrongly
+    found = scaling_of(node, PLATE)
+    assert (found.rated_torque_nm, found.said) == (14.3, scaling_of(StubNode(), PLATE).said)
 
 
 def test_factors_as_from_the_factory_are_named() -> None:

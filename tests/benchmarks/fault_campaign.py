@@ -5,6 +5,7 @@
     python tests/benchmarks/fault_campaign.py --rewritten 60 --cases 0   (somebody else writes to the drive while it runs)
     python tests/benchmarks/fault_campaign.py --profiles "reference 4ms lag,epos4 2ms,accelnet filter" --cases 88   (other drives)
     python tests/benchmarks/fault_campaign.py --kills 8 --cases 0   (processes killed by SIGKILL: what is left in their folders)
+    python tests/benchmarks/fault_campaign.py --first 3000 --cases 88   (others than those of the table)
     python tests/benchmarks/fault_campaign.py --seed 17 [--seed N]  (these again, with all that was said)
     python tests/benchmarks/fault_campaign.py --keep FOLDER         (goes on with what is there: healthy runs, cases; --seconds S of it)
 
@@ -155,6 +156,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seed", type=int, action="append", help="replay these cases")
     parser.add_argument("--cases", type=int, default=CASES)
+    parser.add_argument("--first", type=int, default=0, help="seed of the first case")
     parser.add_argument("--accesses", action="store_true", help="every single SDO transfer too")
     parser.add_argument("--rewritten", type=int, default=0, help="drives to which somebody else writes while they run")
     parser.add_argument("--kills", type=int, default=0, help="processes to kill")
@@ -174,7 +176,12 @@ def main() -> int:
             if profile not in _prepared:
                 prepare(profile, place)
         keep(place)
-        cases = [made(seed) for seed in (given.seed or (*range(given.cases), *range(FIRST_REWRITTEN, FIRST_REWRITTEN + given.rewritten)))]
+        cases = [
+            made(seed)
+            for seed in (
+                given.seed or (*range(given.first, given.first + given.cases), *range(FIRST_REWRITTEN, FIRST_REWRITTEN + given.rewritten))
+            )
+        ]
         cases += access_cases(healthy) if given.accesses and not given.seed else []
         keep(place)
         print(f"prepared in {time.monotonic() - began:.0f} s", flush=True)

@@ -24,10 +24,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--drives", default=",".join(("reference", "cmmp-as", *config_names("slaves"))))
     parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--first", type=int, default=0, help="seed of the first round")
     given = parser.parse_args()
     print(f"{len(CHECKS)} checks, {given.seeds} rounds on each drive")
     for name in given.drives.split(","):
-        found = Counter(text for seed in range(given.seeds) for text in rounds(name, seed))
+        found = Counter(text for seed in range(given.first, given.first + given.seeds) for text in rounds(name, seed))
         print(f"{name}: {sum(found.values())} deviations")
         for text, count in found.most_common():
             print(f"    {count} x {text}")

@@ -1,6 +1,6 @@
 """The shipped axis commissioned at bus periods from 0.5 to 10 ms, and stops at random instants on drives with other units.
 
-    python tests/benchmarks/periods.py [periods] [stops] [--extent quick|standard] [--count 200] [--only 4] [--lag]
+    python tests/benchmarks/periods.py [periods] [stops] [--extent quick|standard] [--count 200] [--only 4] [--lag] [--seed 7]
 
     --lag : the drive filters its torque setpoint with 0.5 ms, and its current loop has 0.2 ms
 
@@ -95,13 +95,13 @@ def periods(extent: str, drive: dict[str, Any]) -> None:
         )
 
 
-def stops(count: int) -> None:
+def stops(count: int, seed: int) -> None:
     limit_n = float(load_axis("egc-70-600").limits.feed_force_n or 0.0)
-    random, worst = np.random.default_rng(1), {name: (0.0, 0.0, 0) for name in DRIVES}
+    random, worst = np.random.default_rng(seed), {name: (0.0, 0.0, 0) for name in DRIVES}
     for number in range(count):
         name, period_s = DRIVES[number % len(DRIVES)], float(random.choice([1e-3, 2e-3, 4e-3]))
         plant = Watched(float(random.uniform(0.05, 6.0)))
-        drive = {} if name == "reference" else {"as": name}
+        drive = {"seed": seed} | ({} if name == "reference" else {"as": name})
         try:
             commissioned(plant, {"quick": True, "sample_period_s": period_s}, drive)
             end = "ended before"
@@ -126,11 +126,15 @@ if __name__ == "__main__":
     parser.add_argument("--extent", default="quick")
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--lag", action="store_true")
+    parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", type=float, nargs="*")
     asked = parser.parse_args()
     if asked.only:
         PERIODS_MS = tuple(asked.only)
     begun = time.perf_counter()
     for word in asked.what:
-        {"periods": lambda: periods(asked.extent, LAG if asked.lag else {}), "stops": lambda: stops(asked.count)}[word]()
+        {
+            "periods": lambda: periods(asked.extent, {"seed": asked.seed, **(LAG if asked.lag else {})}),
+            "stops": lambda: stops(asked.count, asked.seed),
+        }[word]()
     print(f"\n{time.perf_counter() - begun:.0f} s")

@@ -1,7 +1,7 @@
 """A profile that is wrong in one field, for every field: what is said of it, and when.
 
     python tests/benchmarks/wrong_profiles.py                      (all; half an hour)
-    python tests/benchmarks/wrong_profiles.py --only position_unit,save
+    python tests/benchmarks/wrong_profiles.py --only position_unit,save --seed 7
     python tests/benchmarks/wrong_profiles.py --keep FILE          (cases that are there already are not run again)
 
 The drive is a played one that tells none of its units, with a profile that states all of them; each case states one field wrongly and lets
@@ -127,12 +127,12 @@ def profile_of(case: str) -> dict[str, Any]:
     return made
 
 
-def tried(case: str, folder: Path, slave: str = "lexium32") -> dict[str, Any]:
+def tried(case: str, folder: Path, seed: int, slave: str = "lexium32") -> dict[str, Any]:
     """What came of a case."""
     verb = CASES[case][2]
     file, run = folder / "wrong.yaml", folder / "run"
     file.write_text(yaml.safe_dump(profile_of(case)))
-    rig = SlaveRig(slave)
+    rig = SlaveRig(slave, seed)
     before = rig.call("doctor", "--drive", "virtual", "--as", slave, "--axis", "egc-70-600", "--profile", str(file))
     moving = words("identify" if verb == "home" else verb, run, ["--profile", str(file)])
     place = ["--home"] if verb == "home" else ["--position", f"{1e3 * START_M:g}mm"]
@@ -177,6 +177,7 @@ def _tells(text: str) -> bool:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", default="")
+    parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--keep", type=Path)
     given = parser.parse_args()
     kept: dict[str, dict[str, Any]] = json.loads(given.keep.read_text()) if given.keep and given.keep.is_file() else {}
@@ -184,7 +185,7 @@ def main() -> None:
         if case in kept or not any(case.startswith(one) for one in given.only.split(",")):
             continue
         with tempfile.TemporaryDirectory(prefix="wrong-") as folder:
-            kept[case] = tried(case, Path(folder))
+            kept[case] = tried(case, Path(folder), given.seed)
         row = kept[case]
         print(f"| {case} | {row['state']} | {row['code']} | {row['way_mm']} mm | {row['off']} | {row['said'][:160]} |", flush=True)
         if given.keep:

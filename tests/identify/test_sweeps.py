@@ -13,6 +13,7 @@ from beltcomm.identify.friction import FrictionFit, Plateau, fit_friction
 from beltcomm.identify.sweeps import KEY, clear, drift_of, load_dependence, note_of, sweeps_of
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar
+from beltcomm.sentences.friction import study_lines
 
 VISCOUS, COULOMB = 2.530e-3, 0.125  # table A.10, G_A
 #: rad/s: slow ones in the Stribeck effect, fast ones.
@@ -170,3 +171,23 @@ def test_one_sweep_has_one_payload() -> None:
     note = {"measurement": 1, "order": "I", "repetition": 1}
     with pytest.raises(DataError, match="different payloads"):
         sweeps_of([record("a", sweep=note, payload_kg=0.0), record("b", sweep=note, payload_kg=5.0)])
+
+
+def test_a_sweep_that_stuck_leaves_that_of_another_record_alone() -> None:
+    """A weak loop moved at one of three speeds only: no friction of its own, and the sweep beside it has its law all the same."""
+    good = record("sweep_2")
+    assert good.reference_velocity is not None
+    stuck = np.where(np.abs(good.reference_velocity) > 6.0, 0.0, good.reference_velocity)
+    still = Recording(
+        "sweep",
+        good.t_s,
+        good.torque,
+        np.concatenate(([0.0], np.cumsum(stuck[:-1]) * 1e-3)),
+        reference_velocity=good.reference_velocity,
+        sidecar=Sidecar("friction_sweep", 0.1, closed_loop=True),
+    )
+    poor, whole = sweeps_of([still, good])
+    assert (poor.name, poor.fit) == ("sweep", None)
+    assert whole.fit is not None
+    assert whole.fit.viscous.value == pytest.approx(VISCOUS, rel=0.01)
+    assert "sweep: too few of its 6 passes" in " ".join(study_lines((poor, whole), {}, ()))

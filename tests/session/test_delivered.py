@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.signal import bilinear, butter, lfilter
 
 from beltcomm.errors import DriveError, Refused
-from beltcomm.machine.delivered import _delivered, check
+from beltcomm.machine.delivered import _delivered, _notch, check
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar
 
@@ -95,3 +96,55 @@ def test_a_wrong_sign_is_the_drives_fault() -> None:
 def test_what_shows_something_else_is_not_used(made: Callable[[Array], Array]) -> None:
     with pytest.raises(Refused, match="the record is not used"):
         check(record(asked(), made))
+
+
+def notched(hz: float, width_hz: float, depth_db: float) -> Callable[[Array], Array]:
+    """(s² + 2 d0 w s + w²)/(s² + 2 d w s + w²) by the bilinear rule."""
+
+    def made(u: Array) -> Array:
+        w, d = 2.0 * np.pi * hz, 0.5 * width_hz / hz
+        d0 = d * 10.0 ** (-depth_db / 20.0)
+        return np.asarray(lfilter(*bilinear([1.0, 2.0 * d0 * w, w * w], [1.0, 2.0 * d * w, w * w], 1.0 / PERIOD_S), u), dtype=np.float64)
+
+    return made
+
+
+def test_a_notch_of_the_drives_own_is_named_and_no_limit_blamed() -> None:
+    found = _delivered(record(asked(9), notched(60.0, 40.0, 12.0)))
+    assert found is not None
+    assert found.notch is not None
+    assert found.share == pytest.approx(1.0, abs=0.05)
+    assert not found.sound
+    words = found.words()
+    assert found.notch.hz == pytest.approx(60.0, abs=4.0)
+    assert "notch of its own" in words
+    assert "6072h" not in words
+
+
+@pytest.mark.parametrize(("hz", "width_hz", "depth_db"), [(107.0, 60.0, 20.0), (80.0, 120.0, 30.0), (200.0, 60.0, 15.0)])
+def test_the_middle_of_a_notch(hz: float, width_hz: float, depth_db: float) -> None:
+    """Within a line or two; the bilinear rule lowers 107 Hz to 103 and 200 Hz to 179."""
+    done = record(asked(9), notched(hz, width_hz, depth_db))
+    assert done.torque_setpoint is not None
+    found = _notch(done.torque_setpoint, done.torque, 1.0 / PERIOD_S)
+    assert found is not None
+    assert found.hz == pytest.approx(np.arctan(np.pi * hz * PERIOD_S) / (np.pi * PERIOD_S), abs=8.0)
+    assert found.share < 0.5
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_filters_limits_and_noise_are_no_notch(seed: int) -> None:
+    """First and second order, a share of a sample of delay, a limit of the torque, and noise of a third of the torque."""
+    draw = np.random.default_rng([58, seed])
+    low_pass = butter(1 + seed % 2, float(draw.uniform(30.0, 300.0)), fs=1.0 / PERIOD_S)
+    late, limit = float(draw.uniform()), float(draw.uniform(0.1, 0.3))
+    ways: list[Callable[[Array], Array]] = [
+        lambda u: np.asarray(lfilter(*low_pass, u)),
+        lambda u: (1.0 - late) * u + late * np.roll(u, 1),
+        lambda u: np.clip(u, 0.1 - limit, 0.1 + limit),
+    ]
+    for made in ways:
+        for noise_nm in (6e-3, 0.1):
+            done = record(asked(2 + 7 * (seed % 2)), made, noise_nm=noise_nm)
+            assert done.torque_setpoint is not None
+            assert _notch(done.torque_setpoint, done.torque, 1.0 / PERIOD_S) is None

@@ -16,7 +16,7 @@ from beltcomm.axis import load_axis
 from beltcomm.control import CascadeStructure
 from beltcomm.errors import BeltcommError, Refused
 from beltcomm.experiments import proving, verification
-from beltcomm.experiments.stops_out_of_move import STOP_SWING, StopsOutOfMove
+from beltcomm.experiments.stops_out_of_move import STOP_SWING, StopsOutOfMove, worst_stops
 from beltcomm.experiments.verification import BELT_SWING
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
@@ -114,6 +114,27 @@ def test_the_drives_own_quick_stop_would_be_too_hard(
     run, bench = copy_of_complete(), make_bench("g_a", start_m=0.0)
     tick, _ = stopped_in_the_move(bench, run, MOMENTS["fastest"][0])
     assert np.abs(bench.plant.belt_force_n[tick:]).max() > 2.0 * LIMIT_N
+
+
+def test_a_drive_that_only_reports_its_following_error_pulls_harder_at_a_lost_host(
+    make_bench: MakeBench, copy_of_complete: Copy, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its position loop pulls until the guard time is over: a third more force on this axis, and nothing else changes."""
+    found: list[StopsOutOfMove] = []
+
+    def of_both(machine: Machine, *given: Any, **more: Any) -> StopsOutOfMove:
+        for stops in (True, False):
+            machine.drive.capabilities = replace(machine.drive.capabilities, following_error_stops=stops)
+            found.append(worst_stops(machine, *given, **more))
+        raise Refused("that is enough")
+
+    monkeypatch.setattr(verification, "worst_stops", of_both)
+    run, bench = copy_of_complete(), make_bench("g_a", start_m=0.0)
+    with pytest.raises(Refused, match="enough"):
+        api.verify(bench.name, run, options=YES)
+    stops, reports = found
+    assert reports.host_lost.belt_force_n > 1.3 * stops.host_lost.belt_force_n
+    assert (reports.asked_for, reports.completed) == (stops.asked_for, stops.completed)
 
 
 def test_a_move_that_cannot_be_stopped_within_the_travel_is_refused(make_bench: MakeBench, copy_of_complete: Copy, tmp_path: Path) -> None:

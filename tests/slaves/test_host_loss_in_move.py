@@ -7,11 +7,14 @@ from __future__ import annotations
 
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from beltcomm.drive import Drive
 from campaign.judge import TRAVEL_M
 from campaign.rig import STANDING_M_S, START_M
 from slaves.bench import AXIS, SlaveRig
@@ -26,8 +29,22 @@ PAUSE = 200
 SHARPEST = 0.7
 
 
-def rig_of_truth() -> SlaveRig:
-    return SlaveRig("reference", plant=TruthPlant(nominal("g_a").axis, truth=nominal("g_a").truth))
+class Reporting(SlaveRig):
+    """A drive whose following error only shows in its statusword, and whose profile does not say what it does."""
+
+    def __init__(self, slave: str, **options: Any) -> None:
+        super().__init__(slave, **options)
+        loops = self.device._servo._loops
+        loops.profile = replace(loops.profile, following_error_faults=False)
+
+    def open(self, _name: str, options: Any = None) -> Drive:
+        drive = super().open(_name, options)
+        drive.capabilities = replace(drive.capabilities, following_error_stops=False)
+        return drive
+
+
+def rig_of_truth(kind: type[SlaveRig]) -> SlaveRig:
+    return kind("reference", plant=TruthPlant(nominal("g_a").axis, truth=nominal("g_a").truth))
 
 
 def verify(rig: SlaveRig, run: Path) -> int | None:
@@ -36,13 +53,14 @@ def verify(rig: SlaveRig, run: Path) -> int | None:
 
 
 @pytest.mark.examination
-def test_a_dead_host_loads_the_belt_no_more_than_planned(tmp_path: Path) -> None:
-    whole, rig = tmp_path / "run", rig_of_truth()
+@pytest.mark.parametrize("kind", [SlaveRig, Reporting])
+def test_a_dead_host_loads_the_belt_no_more_than_planned(tmp_path: Path, kind: type[SlaveRig]) -> None:
+    whole, rig = tmp_path / "run", rig_of_truth(kind)
     assert rig.call("commission", "--drive", "virtual", "--axis", AXIS, "--run", str(whole), "--yes", "--quick", "--no-report").code == 0
     rig.close()
 
     def driven(number: int, at: int | None) -> tuple[SlaveRig, Path]:
-        run, rig = tmp_path / str(number), rig_of_truth()
+        run, rig = tmp_path / str(number), rig_of_truth(kind)
         shutil.copytree(whole, run)
         if at is None:
             assert verify(rig, run) == 0

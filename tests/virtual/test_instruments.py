@@ -12,12 +12,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
+from scipy.signal import lsim
 
 from beltcomm.configfiles import find_config, read_yaml, to_yaml, write_text
 from beltcomm.drive import open_drive
 from beltcomm.errors import UsageError
 from beltcomm.model import load_plant
 from beltcomm.plant import DRIVE_KEYS, IDEAL, Instruments
+from beltcomm.virtual.stage import TorqueDelivery
 from virtual.host import INERTIA, UNIT_NM, CyclicTorque, prepared
 
 T = 1e-3
@@ -115,6 +117,37 @@ def test_a_step_through_a_first_order_filter_is_the_exponential() -> None:
     # Sent after SYNC 0, acts from t_1 on, first read at SYNC 2.
     means = [1000.0 * (1.0 - tau / T * (math.exp(-k * T / tau) - math.exp(-(k + 1) * T / tau))) for k in range(6)]
     assert read == pytest.approx([0, 0, *means], abs=0.5 + 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("has", "over", "under"),
+    [
+        (
+            {"setpoint_low_pass_hz": 150.0},
+            [(2 * math.pi * 150.0) ** 2],
+            [1.0, math.sqrt(2.0) * 2 * math.pi * 150.0, (2 * math.pi * 150.0) ** 2],
+        ),
+        (
+            {"setpoint_notch_hz": 107.0, "setpoint_notch_width_hz": 60.0, "setpoint_notch_db": 20.0},
+            [1.0, 0.1 * 2 * math.pi * 60.0, (2 * math.pi * 107.0) ** 2],
+            [1.0, 2 * math.pi * 60.0, (2 * math.pi * 107.0) ** 2],
+        ),
+    ],
+)
+def test_filters_against_a_resonance_are_their_transfer_functions(has: dict[str, float], over: list[float], under: list[float]) -> None:
+    """Mean torques of ticks behind steps, against scipy's own solution of the transfer function on a grid of 1/200 tick."""
+    levels, fine = [1.0, -0.5, 0.25, 0.25, 0.0, 0.8, 0.8, 0.8, 0.8], 200
+    delivery = TorqueDelivery(Instruments(**has), T)
+    shaped = [delivery.shape([(level, 1.0)]) for level in levels]
+    held = np.append(np.repeat(levels, fine), levels[-1])
+    time_s = T / fine * np.arange(len(held))
+    out = lsim((over, under), held, time_s, interp=False)[1]
+    expected = [np.trapezoid(out[k * fine : (k + 1) * fine + 1], dx=1.0 / fine) for k in range(len(levels))]
+    at_once = over[0] if len(over) == len(under) else 0.0  # a tick's last point is on the next one's side of the step
+    expected = np.array(expected) - 0.5 / fine * at_once * np.diff([*levels, levels[-1]])
+    assert np.array([sum(torque * share for torque, share in pieces) for pieces in shaped]) == pytest.approx(
+        expected, abs=1e-5
+    )  # the trapezoids of the grid
 
 
 def test_the_torque_path_forgets_when_the_stage_goes_off() -> None:

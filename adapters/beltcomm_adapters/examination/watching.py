@@ -91,10 +91,18 @@ def _following_error(patient: Patient) -> Iterator[Finding]:
             AREA, "following error", "warning", "the following error window is off (6065h = FFFFFFFFh): it never stops the drive",
             "beltcomm sets it for its own moves; set one with the maker's tool for the time after commissioning", {"window_units": window},
         )  # fmt: skip
-    else:
+    elif patient.profile.following_error == "stops":
         yield Finding(
             AREA, "following error", "ok", f"a following error above {window} units stops the drive (6065h)", "", {"window_units": window}
         )
+    else:
+        told = "only shows in bit 13 of 6041h" if patient.profile.following_error == "reported" else "stops this drive (8611h) is not known"
+        yield Finding(
+            AREA, "following error", "unknown",
+            f"{'' if patient.profile.following_error == 'reported' else 'whether '}a following error above {window} units (6065h) {told}: "
+            "should this computer die in a move, the guard time alone is counted with, and moves are slower for that",
+            "look in its manual; where it says a fault, state following_error: stops in a profile (--profile)", {"window_units": window},
+        )  # fmt: skip
 
 
 def _leftovers(patient: Patient) -> Iterator[Finding]:
