@@ -97,9 +97,11 @@ def config_names(kind: str) -> list[str]:
 
 #: Letters from which on a part of a word is no chance.
 _PART = 3
+#: Likeness of a word that was meant, where nothing says that words of their own are usual.
+_USUAL = 0.6
 
 
-def did_you_mean(word: str, known: Iterable[str], likeness: float = 0.6) -> str:
+def did_you_mean(word: str, known: Iterable[str], likeness: float = _USUAL) -> str:
     """The words ``, did you mean X?`` for the known word that resembles ``word`` most, or alone holds it; "" when none does.
 
     Parameters
@@ -114,7 +116,7 @@ def did_you_mean(word: str, known: Iterable[str], likeness: float = 0.6) -> str:
     by_lower = {item.lower(): item for item in known}
     part = str(word).lower()
     close = difflib.get_close_matches(part, by_lower, n=1, cutoff=likeness)
-    if not close and len(part) >= _PART:
+    if not close and likeness <= _USUAL and len(part) >= _PART:
         close = [item for item in by_lower if part in item]
         close = close if len(close) == 1 else []  # of two that hold it neither is likelier
     return f", did you mean {by_lower[close[0]]}?" if close else ""

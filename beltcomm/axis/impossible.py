@@ -12,6 +12,8 @@ from beltcomm.quantities import three_digits
 
 #: rad/s²: rated torque over rotor inertia.  Servo motors have some 1e3 (large, with brake) to 1e5; ten times more room either way.
 SLOWEST_ROTOR_RAD_S2, FASTEST_ROTOR_RAD_S2 = 1e2, 1e6
+#: m, of a sum of rounded numbers.
+_NOTHING_M = 1e-9
 
 
 class ImpossibleEntry(UsageError):
@@ -20,6 +22,25 @@ class ImpossibleEntry(UsageError):
     def __init__(self, message: str, entry: str) -> None:
         super().__init__(message)
         self.entry = entry
+
+
+def passing_the_pulley(low_m: float, offset_m: float) -> str:
+    """That the carriage would pass the driving pulley, as a sentence; "" where it does not.
+
+    Parameters
+    ----------
+    low_m : float, m
+        Lower end of the travel.
+    offset_m : float, m
+        Belt from the driving pulley to the carriage at position 0.
+    """
+    if offset_m + low_m >= -_NOTHING_M:
+        return ""
+    return (
+        f"travel.min_m is {low_m:g} m and travel.driven_side_offset_m {offset_m:g} m: the carriage would pass the driving pulley by "
+        f"{-low_m - offset_m:.4g} m; the belt from the driving pulley to the carriage at position 0 must be at least {-low_m:.4g} m, or "
+        f"travel.min_m at least {0.0 - offset_m:.4g} m"
+    )
 
 
 def check_together(
@@ -81,13 +102,8 @@ def check_together(
     if way is not None and low is not None and high is not None and way > high - low:
         raise ImpossibleEntry(f"targets.distance_m is {way:g} m; the travel is {high - low:g} m", "targets.distance_m")
     l3, offset = belt.pulley_distance_m if belt is not None else None, travel.driven_side_offset_m
-    if driven_by_belt and low is not None and offset + low < 0.0:
-        raise ImpossibleEntry(
-            f"travel.min_m is {low:g} m and travel.driven_side_offset_m {offset:g} m: the carriage would pass the driving pulley by "
-            f"{-low - offset:.4g} m; the belt from the driving pulley to the carriage at position 0 must be at least {-low:.4g} m, or "
-            f"travel.min_m at least {0.0 - offset:.4g} m",
-            "travel.driven_side_offset_m",
-        )
+    if driven_by_belt and low is not None and offset > 0.0 and (why := passing_the_pulley(low, offset)):  # 0 is what nobody stated
+        raise ImpossibleEntry(why, "travel.driven_side_offset_m")
     if l3 is not None and high is not None and offset + high >= l3:
         raise ImpossibleEntry(
             f"belt.pulley_distance_m is {l3:g} m; it must exceed travel.driven_side_offset_m + travel.max_m, {offset + high:g} m",

@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterator
 
 from beltcomm.axis import Axis
+from beltcomm.axis.impossible import passing_the_pulley
 from beltcomm.quantities import mm, three_digits
 
 #: m/s².
@@ -27,7 +28,7 @@ def doubts(axis: Axis) -> list[str]:
     axis : Axis
         Of any kind; the sentences are in the words of a belt axis.
     """
-    return [*_of_motor(axis), *_of_motor_and_load(axis), *_of_limits(axis), *_of_targets(axis)]
+    return [*_of_motor(axis), *_of_motor_and_load(axis), *_of_limits(axis), *_of_travel(axis), *_of_targets(axis)]
 
 
 def _of_motor(axis: Axis) -> Iterator[str]:
@@ -79,6 +80,12 @@ def _of_limits(axis: Axis) -> Iterator[str]:
                 f"limits.feed_force_n is {three_digits(force)} N, limits.pulley_torque_nm makes it {three_digits(by_torque)} N: "
                 "the smaller one holds; look at both"
             )
+
+
+def _of_travel(axis: Axis) -> Iterator[str]:
+    low, offset = axis.travel.min_m, axis.travel.driven_side_offset_m
+    if axis.has_transmission and axis.transmission is None and low is not None and (why := passing_the_pulley(low, offset)):
+        yield why
 
 
 def _of_targets(axis: Axis) -> Iterator[str]:

@@ -110,10 +110,13 @@ class _Answers:
     def fault(self, section: str, name: str, value: float | None) -> str:
         """Contradiction between a further answer and those before, "" for none."""
         from beltcomm.axis import axis_from_dict
+        from beltcomm.axis.impossible import passing_the_pulley
 
         known = self.known
         known = {**known, section: {**known.get(section, {}), name: value}}
         low = known.get("travel", {}).get("min_m")
+        if (section, name) == _OFFSET and low is not None and not self.kind and (why := passing_the_pulley(low, value or 0.0)):
+            return why  # as 0, too, which a file has where nobody stated it
         if (section, name) != _OFFSET and _OFFSET not in self.told and low is not None and not self.kind:
             # asked behind the travel: until then it is as long as the travel needs it
             known["travel"] = {**known["travel"], _OFFSET[1]: max(0.0, -low)}
@@ -126,6 +129,7 @@ class _Answers:
     def new_doubts(self) -> list[str]:
         """Sentences on answers that do not go together and yet can be, those that were not told yet."""
         from beltcomm.axis import axis_from_dict
+        from beltcomm.axis.impossible import passing_the_pulley
         from beltcomm.axis.terms import terms_of
         from beltcomm.axis.together import doubts
 
@@ -133,7 +137,8 @@ class _Answers:
             axis = axis_from_dict(self.known)
         except UsageError:
             return []  # before its last answer, as above
-        found = [terms_of(axis).said(text) for text in doubts(axis)]
+        early = "" if _OFFSET in self.told else passing_the_pulley(axis.travel.min_m or 0.0, axis.travel.driven_side_offset_m)
+        found = [terms_of(axis).said(text) for text in doubts(axis) if text != early]  # that is asked behind the travel
         new = [text for text in found if text not in self._doubted]
         self._doubted |= {*found}
         return new

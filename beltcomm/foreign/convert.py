@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from beltcomm.arrays import Column, rms
 from beltcomm.errors import DataError, UsageError
-from beltcomm.foreign.daystamps import DAY_S, are_days, seconds_of_days
+from beltcomm.foreign.daystamps import are_days, seconds_of_days
 from beltcomm.foreign.mapping import Source, kept_columns, sources_for
 from beltcomm.foreign.rasters import on_one_raster, resampled
 from beltcomm.foreign.table import Decimal, Separator, Table
@@ -279,7 +279,7 @@ def _scaled(table: Table, source: Source, notes: list[str]) -> Column:
         words = next((str(value) for value in values if str(value).strip().lower() not in MISSING), "")
         what = f"text such as {words[:30]!r}; map a column of numbers" if words else "no value; map another column"
         raise DataError(f"{table.file}: {source.theirs} holds {what}")
-    if source.column == "t_s" and source.scale in (1.0, DAY_S) and (source.scaled is (source.scale == DAY_S)) and are_days(values):
+    if source.column == "t_s" and _in_days(table, source) and are_days(values):
         seconds, said = seconds_of_days(source.theirs, values)
         notes += said
         return seconds + source.offset
@@ -290,6 +290,11 @@ def _scaled(table: Table, source: Source, notes: list[str]) -> Column:
         return values
     with np.errstate(all="ignore"):  # what is no number is found with the missing values
         return source.scale * values + source.offset
+
+
+def _in_days(table: Table, source: Source) -> bool:
+    """True where nobody says that a time is in another unit than days."""
+    return source.written.endswith("*d") if source.scaled else table.unit(source.theirs) in ("", "d")
 
 
 def _as_written(table: Table, sources: Mapping[str, Source], rows: int) -> Column:

@@ -27,6 +27,8 @@ from beltcomm.recording.columns import CHANNELS, KNOWN_COLUMNS, Side
 _SHORTEST_STEP_S, _LONGEST_STEP_S = 2e-5, 0.05
 #: Letters of a cell that are shown.
 SHOWN = 20
+#: Name of a column of dates.
+_OF_DATE = re.compile(r"dat(e|um)|zeit|time|stamp", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -307,9 +309,10 @@ def _time(table: Table, meanings: Sequence[Meaning]) -> Guess:
     rising = [m for m in meanings if m.quantity == "time" and _rises(table, m.name)]
     if not rising:
         back = next((m.name for m in meanings if m.quantity == "time" and _rises(table, m.name, -1.0)), "")
-        dates = [name for name, column in table.columns.items() if are_days(column, dated=True)]
+        dates = [name for name, column in table.columns.items() if not _stated(table, name) and are_days(column, named=False)]
         if len(dates) == 1:
-            return Guess("t_s", (spelled("t_s", dates[0], "d"),), "sure", "numbers of days as a spreadsheet has dates")
+            confidence: Confidence = "sure" if _OF_DATE.search(dates[0]) else "likely"
+            return Guess("t_s", (spelled("t_s", dates[0], "d"),), confidence, "numbers of days as a spreadsheet has dates")
         if back:
             raise DataError(f"{table.file}: {back} falls from row to row, the last row was recorded first; turn the order of the rows")
         return Guess("t_s", (), "unsure", "no column is called time and rises; give --rate or --period, or map one")
@@ -320,7 +323,7 @@ def _time(table: Table, meanings: Sequence[Meaning]) -> Guess:
         return Guess("t_s", several, "unsure", "several columns look like time")
     if table.columns[best.name].dtype.kind not in "fiu":
         return Guess("t_s", (spelled("t_s", best.name, ""),), "sure", "dates or times of day")
-    if are_days(table.columns[best.name]):
+    if best.unit in ("", "d") and are_days(table.columns[best.name]):
         return Guess("t_s", (spelled("t_s", best.name, "d"),), "sure", "its name, and numbers of days as a spreadsheet has dates")
     if best.unit:
         return Guess("t_s", (spelled("t_s", best.name, best.unit),), "sure", f"its name, and its unit {best.unit} by the file")
@@ -328,6 +331,12 @@ def _time(table: Table, meanings: Sequence[Meaning]) -> Guess:
         return Guess("t_s", (spelled("t_s", best.name, "s"),), "sure", f"its name, and {step:.4g} s between rows")
     choices = tuple(spelled("t_s", best.name, unit) for unit in _units_of_time(step))
     return Guess("t_s", choices, "likely", f"its name; it rises by {step:.4g} per row, and its unit is not stated")
+
+
+def _stated(table: Table, name: str) -> str:
+    """Unit of a column by the file, "" for none."""
+    meaning = meaning_of(table, name)
+    return table.unit(name) or (meaning.unit if meaning is not None else "")
 
 
 def _time_unit(table: Table, name: str) -> str:

@@ -48,9 +48,8 @@ def unstacked(table: Table) -> Table:
     place = {signal: number for number, signal in enumerate(signals)}
     which = np.array([place[cell] for cell in cells])
     check_columns(table.file, 2 * len(signals))
-    stamps, notes = _stamps(table, time)
     meaning = meaning_of(table, time)
-    unit = "s" if time == "Time_ms" and "VarName" in table.columns else meaning.unit if meaning is not None else table.unit(time)
+    stamps, notes, unit = _stamps(table, time, meaning.unit if meaning is not None else table.unit(time))
     columns: dict[str, Column] = {}
     stated: dict[str, str] = {}
     clocks: dict[str, str] = {}
@@ -71,13 +70,14 @@ def unstacked(table: Table) -> Table:
     return Table(table.file, columns, stated, (*table.notes, words, *notes), clocks)
 
 
-def _stamps(table: Table, time: str) -> tuple[Array, tuple[str, ...]]:
+def _stamps(table: Table, time: str, unit: str) -> tuple[Array, tuple[str, ...], str]:
+    """Stamps, sentences on them, and their unit.   unit : by the file."""
     stamps = table.columns[time]
     if time == "Time_ms" and "VarName" in table.columns:  # of WinCC: millionths of a day
-        return (stamps - stamps[0]) * 0.0864, ()
-    if are_days(stamps, dated=True):
-        return seconds_of_days(time, stamps)
-    return (stamps, ()) if stamps.dtype.kind == "f" else seconds_of(table.file, time, stamps)
+        return (stamps - stamps[0]) * 0.0864, (), "s"
+    if unit in ("", "d") and stamps.dtype.kind == "f" and are_days(np.unique(stamps), named=unit == "d"):  # one stamp for each signal
+        return *seconds_of_days(time, stamps), "s"
+    return (stamps, (), unit) if stamps.dtype.kind == "f" else (*seconds_of(table.file, time, stamps), unit)
 
 
 def _roles(table: Table) -> tuple[str, str, str, str | None] | None:

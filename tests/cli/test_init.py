@@ -352,3 +352,12 @@ def test_a_doubt_is_told_once_at_its_answer_and_nothing_is_asked_otherwise(tmp_p
     asked = [int(number) for number in re.findall(r"\[(\d+)/35\]", outcome.stderr)]
     assert asked == sorted(asked)
     assert set(asked) == set(range(1, 36)) - {8}, "no time of a brake that is not there"
+
+
+def test_a_file_of_before_whose_belt_before_position_0_nobody_stated_is_read(tmp_path: Path) -> None:
+    """It stands as 0 in the axis.yaml of every run; rounding at the end of the belt is no contradiction either."""
+    axis = axis_from_dict({"pulley": {"effective_radius_m": 0.0124}, "travel": {"min_m": -0.3, "max_m": 0.3}})
+    assert any("would pass the driving pulley by 0.3 m" in sentence for sentence in doubts(axis))
+    data = load_axis("egc-70-600").to_dict()
+    data["travel"] |= {"min_m": -0.1 - 0.2, "driven_side_offset_m": 0.3}
+    assert not any("pass" in sentence for sentence in doubts(axis_from_dict(data)))
