@@ -359,5 +359,5 @@ def test_a_file_of_before_whose_belt_before_position_0_nobody_stated_is_read(tmp
     axis = axis_from_dict({"pulley": {"effective_radius_m": 0.0124}, "travel": {"min_m": -0.3, "max_m": 0.3}})
     assert any("would pass the driving pulley by 0.3 m" in sentence for sentence in doubts(axis))
     data = load_axis("egc-70-600").to_dict()
-    data["travel"] |= {"min_m": -0.1 - 0.2, "driven_side_offset_m": 0.3}
+    data["travel"] |= {"min_m": -0.1 - 0.2, "max_m": 0.1, "driven_side_offset_m": 0.3}
     assert not any("pass" in sentence for sentence in doubts(axis_from_dict(data)))
