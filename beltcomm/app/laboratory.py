@@ -117,7 +117,7 @@ class LaboratoryTab:
             "version": self._version,
             "effects": [{"name": name, "title": effect_named(name).title, "removable": name in view.removable} for name in view.effects],
             "parameters": _in_own_units(view.parameters, terms),
-            **{name: getattr(view, name) for name in ("ratio", "missing", "held_out", "plain", "records")},
+            **{name: getattr(view, name) for name in ("ratio", "missing", "doubt", "held_out", "plain", "records")},
             "explained": EXPLAINED,
             "evidence": EVIDENCE,
             "places": list(view.places),

@@ -12,9 +12,10 @@ import numpy as np
 
 from beltcomm.arrays import Array
 from beltcomm.fit.uncertainty.intervals import with_intervals
-from beltcomm.laboratory.compare import compare, landmarks, worst
+from beltcomm.laboratory.compare import Missing, compare, landmarks, worst
 from beltcomm.laboratory.place_words import in_words
 from beltcomm.laboratory.samples import Units
+from beltcomm.laboratory.scope import reservation
 from beltcomm.residuals.cells import Cells, cells_of
 from beltcomm.residuals.responses import ResponsePair, Trace, response_pairs, trace_of
 from beltcomm.residuals.spectra import GridRow, edges_of, power, rows_of
@@ -36,8 +37,10 @@ class ResidualView:
     ----------
     stamp : str
         Of the files that it was made of.
-    missing : bool
-        Something is left that is not noise.
+    missing : Missing
+        As of the comparison.
+    doubt : str
+        Why that is not told by these records, "" where it is.
     records : Sequence[Mapping[str, Any]]
         As ``compare --json`` has them.
     places : Sequence[Mapping[str, Any]]
@@ -60,7 +63,8 @@ class ResidualView:
     parameters: Mapping[str, Any]
     ratio: float
     held_out: float | None
-    missing: bool
+    missing: Missing
+    doubt: str
     plain: Mapping[str, Any] | None
     records: Sequence[Mapping[str, Any]]
     places: Sequence[Mapping[str, Any]]
@@ -110,6 +114,7 @@ def view_of(here: Opened, stamp: str) -> ResidualView:
         found.ratio,
         found.held_out,
         found.missing,
+        reservation(found, here.fitted, here.records.recordings),
         plain(found.plain),
         [plain(one) for one in found.records],
         [

@@ -14,7 +14,6 @@ from typing import Any
 from beltcomm.errors import UsageError
 from beltcomm.experiments.redundant_steps import Before, record_showing
 from beltcomm.fit.estimate import Fitted
-from beltcomm.fit.noise.level import noise_doubt
 from beltcomm.fit.torque.acting_torque import acting_recordings, stated_remarks
 from beltcomm.fit.uncertainty.intervals import parameter_spread, with_intervals
 from beltcomm.given import Place, pasted, place
@@ -24,7 +23,7 @@ from beltcomm.laboratory.acceptance import DELAYS, undetermined_effects
 from beltcomm.laboratory.compare import Comparison, compare, landmarks, unexplained_words, worst
 from beltcomm.laboratory.diagnosis import Diagnosis, Stage
 from beltcomm.laboratory.place_words import in_words
-from beltcomm.laboratory.scope import missing_records, not_named, sampling_doubt
+from beltcomm.laboratory.scope import missing_records, not_named, reservation
 from beltcomm.laboratory.score import ground_of
 from beltcomm.laboratory.visible import detection_limits
 from beltcomm.pages import pictures as drawn
@@ -89,9 +88,7 @@ def _compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
     comparison = compare(here.data, here.fitted, here.band_hz)
     explainable(comparison.ratio, run)
     chosen = worst(comparison)
-    doubt = noise_doubt(comparison.ratio, here.records.recordings)
-    if not doubt and comparison.missing:
-        doubt = sampling_doubt(comparison.ratio, here.fitted.model, here.records.recordings)
+    doubt = reservation(comparison, here.fitted, here.records.recordings)
     if doubt and (left := unexplained_words({one.name: one.plain for one in comparison.records})):
         doubt += f" {left}"
     named = landmarks(here.fitted.model, here.folder.axis.travel.middle_m)
@@ -357,7 +354,7 @@ def ladder_of_run(run: Place, *, pictures: bool = True, command: str = "") -> Re
 
 
 def _ratios(comparison: Comparison) -> dict[str, Any]:
-    """``ratio`` and ``plain`` : overall and held out.   ``missing`` : something is left that is not noise."""
+    """``ratio`` and ``plain`` : overall and held out.   ``missing`` : by what it is seen that something is left."""
     return {
         "missing": comparison.missing,
         "ratio": {"overall": comparison.ratio, "held_out": comparison.held_out},

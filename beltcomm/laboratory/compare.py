@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from beltcomm.fit.band_error import BANDS_HZ, QUIET_SHARE, Banded, band_limited_
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.records import Data
 from beltcomm.fit.residual.segment import Segment
+from beltcomm.fit.start.model import BELT_BASE, RIGID_BASE
 from beltcomm.identify.landmarks import shape_of
 from beltcomm.laboratory.figures import Plain, PlainError
 from beltcomm.laboratory.places import ErrorRegion, worst_places
@@ -26,6 +28,10 @@ LEAST_RATIO, LEAST_CONTRAST = 1.06, 1.04
 WORST = 5
 #: In a model that fits as a whole, up to this ratio, only what adds this to its square and stands out by this factor.
 WHOLE, LEAST_WEIGHT, CLEAR_CONTRAST = 1.03, 0.01, 1.5
+#: By what it is seen that something is missing.
+Missing = Literal["", "size", "stretches", "held out", "structure"]
+#: Effects of a model that nothing was added to.
+BASE_EFFECTS = frozenset((*BELT_BASE, *RIGID_BASE, "cart_friction", "rigid_load", "belt_spans", "constant_offset"))
 #: O per sample up to which a model leaves nothing but noise: how well the noise itself is known, 5 % of its rms.
 NOISE_KNOWN = 1.10
 #: rms of the rest over the noise, of records fitted or held out, from which on it is not noise though single stretches hold all of it: O
@@ -67,8 +73,8 @@ class Comparison:
     ----------
     ratio, held_out
         Over all fitted and all held-out records.
-    missing : bool
-        Something is left that is not noise.
+    missing : Missing
+        By what it is seen that something is left that is not noise, "" where nothing is.
     places : tuple of ErrorRegion
         The worst first, over all records.
     plain, plain_held_out : PlainError or None
@@ -77,12 +83,17 @@ class Comparison:
 
     ratio: float
     held_out: float | None
-    missing: bool
+    missing: Missing
     records: tuple[RecordRatio, ...]
     places: tuple[ErrorRegion, ...]
     judged: tuple[Judged, ...]
     plain: PlainError | None = None
     plain_held_out: PlainError | None = None
+
+    @property
+    def told(self) -> float:
+        """The ratio that a verdict tells: of the records held out where these alone are not explained."""
+        return self.held_out if self.missing == "held out" and self.held_out is not None else self.ratio
 
 
 def compare(data: Data, fitted: Fitted, band_hz: float | None = None) -> Comparison:
@@ -117,24 +128,30 @@ def compare(data: Data, fitted: Fitted, band_hz: float | None = None) -> Compari
         plain = _plain_error(own, model, band)
         records.append(RecordRatio(name, own[0].held_out, float(np.sqrt(np.mean(white**2))), len(white), plain))
     whole, held = (_plain_error([part for part in parts if part.held_out is out], model, band) for out in (False, True))
-    missing = is_something_missing(fitted, max(structure(judged).values(), default=0.0))
+    missing = what_is_missing(fitted, max(structure(judged).values(), default=0.0))
     return Comparison(fitted.ratio, fitted.held_out_ratio, missing, tuple(records), tuple(worst_places(judged)), tuple(judged), whole, held)
 
 
-def is_something_missing(fitted: Fitted, left: float) -> bool:
-    """Whether a model leaves more than noise: in size, also in a few stretches alone, or in step with speed, place, time or record.
+def what_is_missing(fitted: Fitted, left: float) -> Missing:
+    """By what it is seen that a model leaves more than noise: its size, a few stretches alone, records held out alone, or its structure.
 
     Parameters
     ----------
     fitted : Fitted
         To the records.
     left : float
-        Largest :func:`beltcomm.laboratory.samples.structure` of what it leaves.
+        Largest :func:`beltcomm.laboratory.samples.structure` of what it leaves: by speed, place, time or record.
     """
     level = fitted.objective / fitted.problem.samples if fitted.problem.samples else math.inf
+    if not level < NOISE_KNOWN:
+        return "size"
+    if fitted.ratio >= GIVEN_UP:
+        return "stretches"
+    if (fitted.held_out_ratio or 0.0) >= GIVEN_UP:
+        return "held out"
     rounded = any(piece.own_noise or (piece.group == 1 and piece.observer is None) for piece in fitted.problem.pieces)
-    alone = max(fitted.ratio, fitted.held_out_ratio or 0.0)
-    return not (level < NOISE_KNOWN and alone < GIVEN_UP and left < (STRUCTURED_BESIDE if rounded or level <= QUIET else STRUCTURED))
+    beside = rounded or level <= QUIET or not set(fitted.model.effects) <= BASE_EFFECTS
+    return "structure" if left >= (STRUCTURED_BESIDE if beside else STRUCTURED) else ""
 
 
 def _judge(piece: Segment, model: Model, white: Array, whole: Array) -> Judged:

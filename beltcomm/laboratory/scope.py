@@ -14,12 +14,13 @@ import numpy as np
 
 from beltcomm.arrays import Array
 from beltcomm.effects import EFFECTS
+from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.noise.level import correlation, noise_doubt
 from beltcomm.fit.start.undersampled import SWING_SAMPLED, UNSEEN
 from beltcomm.fit.uncertainty.intervals import rounded_share
 from beltcomm.identify.landmarks import shape_of
 from beltcomm.laboratory.acceptance import EVIDENCE
-from beltcomm.laboratory.compare import NOISE_KNOWN, compare, unexplained_words
+from beltcomm.laboratory.compare import NOISE_KNOWN, Comparison, compare, unexplained_words
 from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, Stage
 from beltcomm.laboratory.samples import units_of
 from beltcomm.model import Model
@@ -99,6 +100,23 @@ def restrict_to_scope(found: Diagnosis, recordings: Sequence[Recording]) -> tupl
     return found, [sentence] if (sentence := _contact_that_opens(found)) else []
 
 
+def reservation(comparison: Comparison, fitted: Fitted, recordings: Sequence[Recording]) -> str:
+    """Why the records do not tell whether something is missing, as :func:`restrict_to_scope` says of a diagnosis; "" where they do.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        Of a model with them.
+    fitted : Fitted
+        Its fit.
+    recordings : sequence of Recording
+    """
+    if (doubt := noise_doubt(comparison.ratio, recordings)) or not comparison.missing:
+        return doubt
+    rounding = _rounding_words(fitted) if comparison.missing == "structure" else ""
+    return sampling_doubt(comparison.ratio, fitted.model, recordings) or rounding or _speed_words(recordings)
+
+
 def _contact_that_opens(found: Diagnosis) -> str:
     """That a gap is likelier than any wrong number where nothing explains an error far above the noise, in words; "" where it is not."""
     unexplained = found.verdict == NONE_EXPLAINS and not found.added_effects
@@ -128,9 +146,13 @@ def _explains_nearly_all(found: Diagnosis) -> bool:
 def _speed_alone(found: Diagnosis, recordings: Sequence[Recording]) -> str:
     """That a reported speed is filtered and tells no place, in words; "" where a position was recorded or nothing rests on that."""
     named = next((name for name in found.added_effects if name in OF_DRIVE), "")
-    if not any(r.sidecar.position_integrated for r in recordings) or not (named or found.verdict == NONE_EXPLAINS):
+    return _speed_words(recordings, f"; {named} fits best" if named else "") if named or found.verdict == NONE_EXPLAINS else ""
+
+
+def _speed_words(recordings: Sequence[Recording], hint: str = "") -> str:
+    """:func:`_speed_alone` of what is left."""
+    if not any(r.sidecar.position_integrated for r in recordings):
         return ""
-    hint = f"; {named} fits best" if named else ""
     return (
         "The position is the integral of a reported speed, which drives filter: a delay or lag of the torque cannot be told from that "
         f"filter, nor what goes with the place from a place that is off{hint}. Record the position and ask again."
@@ -265,7 +287,12 @@ def _structure_of_rounding(found: Diagnosis) -> str:
     fitted = found.final_fit
     if found.verdict != NONE_EXPLAINS or found.added_effects or not fitted.problem.samples:
         return ""
-    if fitted.objective / fitted.problem.samples >= NOISE_KNOWN or rounded_share(fitted) < MOSTLY_ROUNDING:
+    return "" if fitted.objective / fitted.problem.samples >= NOISE_KNOWN else _rounding_words(fitted)
+
+
+def _rounding_words(fitted: Fitted) -> str:
+    """That a structure may be that of the rounding, which is most of the noise, in words; "" where it is not most."""
+    if rounded_share(fitted) < MOSTLY_ROUNDING:
         return ""
     return (
         f"What is left is no more than the noise ({fitted.ratio:.2f} times), but not random. Most of that noise is the rounding of the "

@@ -8,12 +8,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from beltcomm.given import Place, pasted, place, places
 from beltcomm.result import Result
 from beltcomm.sentences.own_words import about_run, own_words
 from beltcomm.talk import Talk
+
+if TYPE_CHECKING:
+    from beltcomm.laboratory.compare import Missing
 
 
 @about_run()
@@ -51,9 +54,9 @@ class Ended:
     line : str
         On it, or why there is none.
     error : float or None
-        Of the model over the noise.
-    missing : bool or None
-        Something is left that is not noise.
+        Of the model over the noise, as :attr:`beltcomm.laboratory.compare.Comparison.told`.
+    missing : Missing or None
+        Of that comparison.
     doubts : sequence of str
         What of the data sheets the model contradicts, in words.
     sheets : sequence of dict
@@ -63,7 +66,7 @@ class Ended:
     page: str | None
     line: str
     error: float | None = None
-    missing: bool | None = None
+    missing: Missing | None = None
     doubts: Sequence[str] = ()
     sheets: Sequence[Mapping[str, Any]] = ()
 
@@ -84,7 +87,7 @@ def at_the_end(run: Path) -> Ended:
     try:
         shown = report(run)
         made = shown.data
-        known = ((made.get("ratio") or {}).get("overall"), made.get("missing"), made["data_sheet_words"], made["data_sheet"])
+        known = (made.get("told"), made.get("missing"), made["data_sheet_words"], made["data_sheet"])
         if made["page"] is None:
             return Ended(None, f"Note: {shown.text[-1]}", *known)
         return Ended(str(made["page"]), f"Report: {made['page']}", *known)

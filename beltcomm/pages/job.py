@@ -11,7 +11,7 @@ import numpy as np
 
 from beltcomm.axis.terms import pictures_in
 from beltcomm.errors import UsageError
-from beltcomm.laboratory.scope import sampling_doubt
+from beltcomm.laboratory.scope import reservation
 from beltcomm.language import tr
 from beltcomm.pages import axis, changes, diagnosed, loops, model, safety, tracking
 from beltcomm.pages.gather import Gathered, gathered
@@ -140,6 +140,7 @@ def _numbers_of(found: Gathered, page: Page, before: Gathered | None = None) -> 
         "next": list(page.next_steps),
         "sections": [section.key for section in page.sections],
         "missing": None if comparison is None else comparison.missing,
+        "told": None if comparison is None else comparison.told,
         "ratio": None if comparison is None else {"overall": comparison.ratio, "held_out": comparison.held_out},
         "plain": None if comparison is None else plain({"overall": comparison.plain, "held_out": comparison.plain_held_out}),
         "data_sheet": [plain(doubt) for doubt in doubts],
@@ -182,9 +183,9 @@ def _model(run: Gathered) -> Fact:
     found = run.comparison
     if found is None:
         return Fact(tr("Model error"), tr("not compared"), run.remarks[0] if run.remarks else "beltcomm compare says why", "note")
-    _, said, style = screens.model_state(max(found.ratio, found.held_out or 0.0), missing=found.missing)
+    _, said, style = screens.model_state(found.told, missing=found.missing)
     state: State = "good" if style == "good" else "bad"
-    if found.missing and run.model is not None and (doubt := sampling_doubt(found.ratio, run.model, run.recordings)):
+    if run.laboratory is not None and (doubt := reservation(found, run.laboratory.fitted, run.recordings)):
         said, state = doubt.rstrip("."), "note"
     words = error_words((found.ratio, found.held_out), (found.plain, found.plain_held_out)).partition(", ")[2]
     return Fact(

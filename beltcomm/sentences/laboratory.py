@@ -45,7 +45,7 @@ def comparison_screen(comparison: Comparison, places: Sequence[str], notes: Sequ
     doubt : str
         Why the error says nothing.
     """
-    word, sentence, style = model_state(max(comparison.ratio, comparison.held_out or 0.0), missing=comparison.missing)
+    word, sentence, style = model_state(comparison.told, missing=comparison.missing)
     if doubt:
         word, sentence, style = tr("NOT JUDGED"), doubt, "note"
     titles, rows = record_table(comparison)

@@ -14,10 +14,10 @@ from beltcomm.fit.start.model import BELT_BASE, RIGID_BASE
 from beltcomm.fit.uncertainty.intervals import with_intervals
 from beltcomm.given import pasted
 from beltcomm.laboratory.acceptance import KNOWN, implausible_effects, undetermined_effects
-from beltcomm.laboratory.compare import GIVEN_UP
+from beltcomm.laboratory.compare import GIVEN_UP, NOISE_KNOWN
 from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, structures
 from beltcomm.laboratory.figures import Plain, PlainError
-from beltcomm.laboratory.selection import MISSING, Candidate
+from beltcomm.laboratory.selection import Candidate
 from beltcomm.laboratory.visible import DetectionLimit
 from beltcomm.language import told, tr
 from beltcomm.model import Model, effect_parameters
@@ -120,7 +120,7 @@ def held_out_words(ratio: float, held_out: float | None) -> list[str]:
     ratio, held_out
         Error over the noise, of the fitted records and of the others; None without any.
     """
-    if held_out is None or held_out <= EXPLAINED or ratio > EXPLAINED:
+    if held_out is None or held_out < EXPLAINED or ratio > EXPLAINED:
         return []
     told = "records that were held out leave {held:.2f} x the noise, those fitted {ratio:.2f}: look at where they were made"
     return [tr(told, held=held_out, ratio=ratio)]
@@ -144,10 +144,10 @@ def caveats(found: Diagnosis) -> list[str]:
             f"But these data say nothing certain of {' and '.join(open_)}: every number of it is open by more than {100 * KNOWN:.0f} %, so "
             "it may stand for a cause that the catalogue does not hold."
         )
-    if found.verdict == NONE_EXPLAINS and found.final_fit.objective < MISSING * found.final_fit.problem.samples:
-        if max(found.final_fit.ratio, found.final_fit.held_out_ratio or 0.0) >= GIVEN_UP:
+    if found.verdict == NONE_EXPLAINS and found.final_fit.objective < NOISE_KNOWN * found.final_fit.problem.samples:
+        if found.final_fit.ratio >= GIVEN_UP:
             lines.append("All but a few stretches of the records are explained: `beltcomm compare` shows which.")
-        else:
+        elif (found.final_fit.held_out_ratio or 0.0) < GIVEN_UP:
             left = structures(found.data, found.final_fit)
             most = max(left, key=lambda name: left[name])
             lines.append(f"As a whole what is left is no more than the noise, but its mean {LEFT_WORDS[most]}.")

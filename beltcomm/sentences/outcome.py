@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from beltcomm.configfiles import write_text
 from beltcomm.experiments import holding
@@ -24,6 +24,9 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import friction, screens, typed_gains, words
 from beltcomm.sentences.own_words import lines_in
 from beltcomm.sentences.torque_path import path_data, path_lines, period_of, process_lines
+
+if TYPE_CHECKING:
+    from beltcomm.laboratory.compare import Missing
 
 
 def save(folder: RunFolder, findings: Findings) -> None:
@@ -223,8 +226,8 @@ class ReportWords(Protocol):
         ...
 
     @property
-    def missing(self) -> bool | None:
-        """Something is left that is not noise."""
+    def missing(self) -> Missing | None:
+        """By what it is seen that something is left that is not noise."""
         ...
 
     @property

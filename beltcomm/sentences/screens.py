@@ -9,7 +9,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from textwrap import shorten, wrap
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from beltcomm.control import Cascade
 from beltcomm.design.cascade import DesignResult
@@ -27,6 +27,9 @@ from beltcomm.rundata.design_proof import DesignProof
 from beltcomm.rundata.headline import EXPLAINED, MEANINGS, NOTED, Headline, NextCommand
 from beltcomm.simulate.stopping import total_friction, total_viscous
 from beltcomm.verify import TrackingError, Verdict
+
+if TYPE_CHECKING:
+    from beltcomm.laboratory.compare import Missing
 
 #: Columns of a screen; warnings that it shows.
 WIDE, MOST_WARNINGS = 80, 3
@@ -161,7 +164,7 @@ def axis_lines(model: Model, at_m: float, delay_s: float | None = None) -> list[
     return [*rows, *([Line(" " * 12, "   ".join(second))] if second else [])]
 
 
-def model_state(level: float, suspect: bool | None = None, judged: bool = True, missing: bool | None = None) -> tuple[str, str, str]:
+def model_state(level: float, suspect: bool | None = None, judged: bool = True, missing: Missing | None = None) -> tuple[str, str, str]:
     """Verdict on the model against what was measured: the word of its state, a sentence, the style of both.
 
     Parameters
@@ -172,8 +175,8 @@ def model_state(level: float, suspect: bool | None = None, judged: bool = True, 
         None judges by the level alone.
     judged : bool
         Of the fit: whether the level tells that nothing is missing.
-    missing : bool or None
-        Of a comparison: whether something is left that is not noise; None judges the size alone.
+    missing : Missing or None
+        Of a comparison; None judges the size alone.
     """
     if error_floor_words(level):
         return tr("NOT JUDGED"), tr("leaves {level:.2f} x the noise, less than noise can leave: not judged", level=level), "note"
@@ -181,16 +184,19 @@ def model_state(level: float, suspect: bool | None = None, judged: bool = True, 
         return tr("DOES NOT FIT"), tr("does NOT explain what was measured ({level:.2f} x the noise)", level=level), "bad"
     if not judged:
         return tr("NOT JUDGED"), tr("follows the rows ({level:.2f} x the noise); not judged between them", level=level), "note"
-    if missing if missing is not None else level > EXPLAINED:
-        if level > EXPLAINED:
-            return tr("FITS IN PART"), tr("leaves {level:.2f} x the noise: something is missing", level=level), "note"
-        return tr("FITS IN PART"), tr("leaves {level:.2f} x the noise, but not at random: something is missing", level=level), "note"
+    if missing or (missing is None and level > EXPLAINED):
+        told = {
+            "stretches": tr("leaves {level:.2f} x the noise, in a few stretches alone", level=level),
+            "held out": tr("leaves {level:.2f} x the noise of records held out", level=level),
+            "structure": tr("leaves {level:.2f} x the noise, but not at random: something is missing", level=level),
+        }
+        return tr("FITS IN PART"), told.get(missing or "", tr("leaves {level:.2f} x the noise: something is missing", level=level)), "note"
     if missing is None:
         return tr("FITS"), tr("its error is {level:.2f} x the noise", level=level), "good"
     return tr("FITS"), tr("explains everything above the noise ({level:.2f} x)", level=level), "good"
 
 
-def model_line(level: float, suspect: bool | None = None, judged: bool = True, missing: bool | None = None) -> Line:
+def model_line(level: float, suspect: bool | None = None, judged: bool = True, missing: Missing | None = None) -> Line:
     """:func:`model_state` as a line of a screen.
 
     Parameters

@@ -96,9 +96,9 @@ export function laboratory(ask) {
 
   function drawModel() {
     $("ratio").textContent = `${found.ratio.toFixed(2)} × the noise`;
-    $("ratio").className = `big ${!found.missing ? "good" : "bad"}`;
+    $("ratio").className = `big ${!found.missing ? "good" : found.doubt ? "" : "bad"}`;
     const plain = found.plain ? ` That is ${number(found.units.factor * found.plain.error)} ${found.units.small}, ${number(found.plain.percent)} % of the torque.` : "";
-    $("ratio-words").textContent = `${!found.missing ? "Fitted to all records, the model explains what was measured." : "Fitted to all records, the model still lacks something."} At 1.00 nothing but noise is left.${plain}` +
+    $("ratio-words").textContent = `${!found.missing ? "Fitted to all records, the model explains what was measured." : found.doubt || (found.missing === "held out" ? "Fitted to all records, the model does not explain those held out." : found.ratio <= found.explained ? "Fitted to all records, what the model leaves is not random." : "Fitted to all records, the model still lacks something.")} At 1.00 nothing but noise is left.${plain}` +
       (found.held_out === null ? "" : ` Records held out: ${found.held_out.toFixed(2)}.`) + (found.change ? ` ${found.change.change}: ${found.before ? found.before.ratio.toFixed(2) : ""} → ${found.ratio.toFixed(2)}.` : "");
     $("effects").replaceChildren(...found.effects.map((one) => {
       const chip = element("span", { title: one.title }, one.name.replaceAll("_", " "));

@@ -48,7 +48,7 @@ def judged(missing: Any, seconds: float = 40.0, units: Units | None = None) -> l
 def told(missing: Any, **options: Any) -> list[str]:
     found = judged(missing, **options)
     white = found[0].white
-    comparison = Comparison(float(np.sqrt(np.mean(white**2))), None, True, (), tuple(worst_places(found)), tuple(found))
+    comparison = Comparison(float(np.sqrt(np.mean(white**2))), None, "size", (), tuple(worst_places(found)), tuple(found))
     return [in_words(place) for place in worst(comparison)]
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from beltcomm.axis import load_axis
 from beltcomm.jobs import laboratory as job
-from beltcomm.laboratory.compare import Comparison, RecordRatio
+from beltcomm.laboratory.compare import Comparison, Missing, RecordRatio
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.model import load_plant
 from beltcomm.runfolder import RunFolder
@@ -21,7 +21,8 @@ PLAIN = PlainError(0.0114, 0.0047, 0.23, 4.9, "N m", 240.0)
 
 def comparison(ratio: float, held: float | None = None) -> Comparison:
     records = tuple(RecordRatio(f"frf_{n}", n == 9, ratio + 0.01 * n, 1000, PLAIN) for n in range(12))
-    return Comparison(ratio, held, max(ratio, held or 0.0) > 1.1, records, (), (), PLAIN, PLAIN)
+    missing: Missing = "size" if ratio > 1.1 else "held out" if (held or 0.0) > 1.1 else ""
+    return Comparison(ratio, held, missing, records, (), (), PLAIN, PLAIN)
 
 
 @pytest.mark.parametrize(("ratio", "held", "word"), [(1.01, 1.02, "FITS "), (1.04, 1.2, "FITS IN PART"), (2.3, None, "DOES NOT FIT")])

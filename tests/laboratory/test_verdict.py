@@ -25,7 +25,7 @@ from beltcomm.laboratory.acceptance import (
     share_left,
     undetermined_effects,
 )
-from beltcomm.laboratory.compare import NOISE_KNOWN, is_something_missing
+from beltcomm.laboratory.compare import NOISE_KNOWN, what_is_missing
 from beltcomm.laboratory.diagnosis import Stage, _verdict_of
 from beltcomm.laboratory.samples import _excess, _partitions
 from beltcomm.laboratory.selection import Candidate
@@ -97,7 +97,7 @@ def test_what_is_explained_would_pass_as_a_machine_of_which_nothing_is_missing(
     base: Any = SimpleNamespace(model=BASE, ratio=1.5, held_out_ratio=None)
     monkeypatch.setattr(diagnosis, "with_intervals", lambda _fitted: BASE)
     assert _verdict_of(base, [Stage(base, (), "tilt", (), after)], (), 0.0) == verdict
-    untouched: Any = SimpleNamespace(objective=after.objective, problem=after.problem, ratio=1.0, held_out_ratio=None)
+    untouched: Any = SimpleNamespace(objective=after.objective, problem=after.problem, ratio=1.0, held_out_ratio=None, model=BASE)
     missing = _verdict_of(untouched, [], (), 0.0) != "nothing missing"
     assert missing is (level >= NOISE_KNOWN)
     assert not (missing and verdict == "explained")
@@ -385,20 +385,26 @@ def test_why_a_candidate_may_not_be_named_is_said(evidence: float, held_out_gain
 
 
 @pytest.mark.parametrize(
-    ("level", "ratio", "held_out", "left", "missing"),
+    ("level", "ratio", "held_out", "left", "effects", "missing"),
     [
-        (1.0, 1.02, 1.02, 3.0, False),
-        (1.0, 1.19, 1.19, 3.0, False),
-        (1.0, 1.21, None, 3.0, True),
-        (1.0, 1.02, 1.21, 3.0, True),
-        (1.11, 1.06, None, 3.0, True),
-        (1.0, 1.02, None, 13.0, True),
-        (0.9, 0.96, None, 13.0, False),
+        (1.0, 1.02, 1.02, 3.0, (), ""),
+        (1.0, 1.19, 1.19, 3.0, (), ""),
+        (1.0, 1.21, None, 3.0, (), "stretches"),
+        (1.0, 1.02, 1.21, 3.0, (), "held out"),
+        (1.11, 1.06, None, 3.0, (), "size"),
+        (1.0, 1.02, None, 13.0, (), "structure"),
+        (1.0, 1.02, None, 13.0, ("tilt",), ""),
+        (1.0, 1.02, None, 26.0, ("tilt",), "structure"),
+        (0.9, 0.96, None, 13.0, (), ""),
     ],
 )
-def test_compare_and_diagnose_ask_one_thing(level: float, ratio: float, held_out: float | None, left: float, missing: bool) -> None:
+def test_compare_and_diagnose_ask_one_thing(
+    level: float, ratio: float, held_out: float | None, left: float, effects: tuple[str, ...], missing: str
+) -> None:
     """Where a stretch is given up, or only the records held out are not explained, `compare` said so and `diagnose` did not."""
-    problem = SimpleNamespace(pieces=(), samples=5000)
-    fitted: Any = SimpleNamespace(objective=level * 5000, problem=problem, ratio=ratio, held_out_ratio=held_out)
-    assert is_something_missing(fitted, left) is missing
-    assert (_verdict_of(fitted, [], (), left) != "nothing missing") is missing
+    problem, model = SimpleNamespace(pieces=(), samples=5000), BASE
+    for name in effects:
+        model = model.with_effect(name, {})
+    fitted: Any = SimpleNamespace(objective=level * 5000, problem=problem, ratio=ratio, held_out_ratio=held_out, model=model)
+    assert what_is_missing(fitted, left) == missing
+    assert (_verdict_of(fitted, [], (), left) != "nothing missing") is bool(missing)
