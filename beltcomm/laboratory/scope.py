@@ -114,7 +114,7 @@ def reservation(comparison: Comparison, fitted: Fitted, recordings: Sequence[Rec
     if (doubt := noise_doubt(comparison.ratio, recordings)) or not comparison.missing:
         return doubt
     rounding = _rounding_words(fitted) if comparison.missing == "structure" else ""
-    return sampling_doubt(comparison.ratio, fitted.model, recordings) or rounding or _speed_words(recordings)
+    return sampling_doubt(comparison.ratio, fitted.model, recordings) or rounding
 
 
 def _contact_that_opens(found: Diagnosis) -> str:
@@ -146,13 +146,9 @@ def _explains_nearly_all(found: Diagnosis) -> bool:
 def _speed_alone(found: Diagnosis, recordings: Sequence[Recording]) -> str:
     """That a reported speed is filtered and tells no place, in words; "" where a position was recorded or nothing rests on that."""
     named = next((name for name in found.added_effects if name in OF_DRIVE), "")
-    return _speed_words(recordings, f"; {named} fits best" if named else "") if named or found.verdict == NONE_EXPLAINS else ""
-
-
-def _speed_words(recordings: Sequence[Recording], hint: str = "") -> str:
-    """:func:`_speed_alone` of what is left."""
-    if not any(r.sidecar.position_integrated for r in recordings):
+    if not any(r.sidecar.position_integrated for r in recordings) or not (named or found.verdict == NONE_EXPLAINS):
         return ""
+    hint = f"; {named} fits best" if named else ""
     return (
         "The position is the integral of a reported speed, which drives filter: a delay or lag of the torque cannot be told from that "
         f"filter, nor what goes with the place from a place that is off{hint}. Record the position and ask again."
