@@ -153,9 +153,8 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
     if trials[0][1].ratio > HIDDEN:
         hidden = ways_of([(one.law, one.at_end) for one in hidden_chains(to_fit, chain)], sample_s, beside=ways)
         beyond = _refine_kinds(data, lively, _fit_ways(data, lively, start, hidden))
-        if all(fitted.ratio > FAR_OFF for _, fitted in beyond):  # seen by the motion alone: not with a model that lacks more
-            hidden, beyond = [], []
-        trials = sorted([*trials, *beyond], key=lambda trial: _level(trial[1]))
+        beyond = [trial for trial in beyond if trial[1].ratio <= FAR_OFF]  # seen by the motion alone: not with a model that lacks more
+        hidden, trials = [path for path, _ in beyond], sorted([*trials, *beyond], key=lambda trial: _level(trial[1]))
     less_likely = {other.at_end: other.cost - chain.cost} if other is not None else {}
     choice = _best_shape(data, lively, _best(trials, chain, less_likely=less_likely))
     if choice.fitted is None or choice.fitted.ratio <= (GOOD if hidden else FAR_OFF):  # with such an effect no filter may be hidden
