@@ -150,10 +150,11 @@ def _longest_gap(keep: BoolArray) -> int:
 def _powers(f: Array, noise: Array, samples: int) -> tuple[Array, Array]:
     """F of 1, 2, 4, ... samples and the covariance they add, (levels, powers, k, k) each, up to a stretch of some samples."""
     ahead, spread = [f], [noise]
-    while 2 ** len(ahead) <= samples:
-        one, own = ahead[-1], spread[-1]
-        ahead.append(one @ one)
-        spread.append(one @ own @ one.transpose(0, 2, 1) + own)
+    with np.errstate(all="ignore"):  # a model that is tried may not be stable: its likelihood is no number then, and it is not taken
+        while 2 ** len(ahead) <= samples:
+            one, own = ahead[-1], spread[-1]
+            ahead.append(one @ one)
+            spread.append(one @ own @ one.transpose(0, 2, 1) + own)
     return np.stack(ahead, axis=1), np.stack(spread, axis=1)
 
 
