@@ -126,7 +126,8 @@ def test_the_first_screen_has_the_numbers_of_the_run(page: str, complete: Comple
     assert f"is within {tracking['value']} (motor)" in numbers["verdict"], "one number has one unit"
     assert "µm" not in page
     assert model["value"] == f"{numbers['ratio']['overall']:.2f} × noise"
-    assert f"its error is {numbers['ratio']['overall']:.2f} x the noise" in "\n".join(complete.result.lines()), "one number, on the screen too"
+    screen = "\n".join(complete.result.lines())
+    assert f"its error is {numbers['ratio']['overall']:.2f} x the noise" in screen, "one number, there too"
     assert 40.0 < float(margin["value"].rstrip("°")) < 60.0
     assert any("beltcomm open" in step for step in numbers["next"])
     assert numbers["sections"] == [
