@@ -76,8 +76,8 @@ def command(
     Example: beltcomm init --from parker-osp-e25bhd --motor yaskawa-sgmsh-10a
     """
     from beltcomm.axis import axis_from_dict
+    from beltcomm.axis.doubtful import doubts
     from beltcomm.axis.terms import terms_of
-    from beltcomm.axis.together import doubts
     from beltcomm.axis.written import commented
     from beltcomm.configfiles import read_yaml, write_text
 

@@ -129,9 +129,9 @@ class _Answers:
     def new_doubts(self) -> list[str]:
         """Sentences on answers that do not go together and yet can be, those that were not told yet."""
         from beltcomm.axis import axis_from_dict
+        from beltcomm.axis.doubtful import doubts
         from beltcomm.axis.impossible import passing_the_pulley
         from beltcomm.axis.terms import terms_of
-        from beltcomm.axis.together import doubts
 
         try:
             axis = axis_from_dict(self.known)

@@ -91,8 +91,8 @@ class Comparison:
     plain_held_out: PlainError | None = None
 
     @property
-    def told(self) -> float:
-        """The ratio that a verdict tells: of the records held out where these alone are not explained."""
+    def decisive_ratio(self) -> float:
+        """Ratio that the verdict rests on: of the records held out where these alone are not explained."""
         return self.held_out if self.missing == "held out" and self.held_out is not None else self.ratio
 
 
@@ -128,11 +128,11 @@ def compare(data: Data, fitted: Fitted, band_hz: float | None = None) -> Compari
         plain = _plain_error(own, model, band)
         records.append(RecordRatio(name, own[0].held_out, float(np.sqrt(np.mean(white**2))), len(white), plain))
     whole, held = (_plain_error([part for part in parts if part.held_out is out], model, band) for out in (False, True))
-    missing = what_is_missing(fitted, max(structure(judged).values(), default=0.0))
+    missing = sign_of_missing(fitted, max(structure(judged).values(), default=0.0))
     return Comparison(fitted.ratio, fitted.held_out_ratio, missing, tuple(records), tuple(worst_places(judged)), tuple(judged), whole, held)
 
 
-def what_is_missing(fitted: Fitted, left: float) -> Missing:
+def sign_of_missing(fitted: Fitted, left: float) -> Missing:
     """By what it is seen that a model leaves more than noise: its size, a few stretches alone, records held out alone, or its structure.
 
     Parameters

@@ -37,7 +37,7 @@ from beltcomm.laboratory.acceptance import (
     share_left,
     undetermined_effects,
 )
-from beltcomm.laboratory.compare import GIVEN_UP, QUIET, STRUCTURED_BESIDE, compare, what_is_missing
+from beltcomm.laboratory.compare import GIVEN_UP, QUIET, STRUCTURED_BESIDE, compare, sign_of_missing
 from beltcomm.laboratory.coupled_bodies import COUPLING, coupling_candidate, coupling_instead, refit_from_several_stiffnesses
 from beltcomm.laboratory.gaps import converged_gap, gap_from_start, gap_with_delay, is_replaceable_gap
 from beltcomm.laboratory.law_shape import assign_body, fit_law_shapes
@@ -539,7 +539,7 @@ def _verdict_of(base: Fitted, steps: Sequence[Stage], twins: tuple[str, ...], le
     if added and share_left(base, after) > MOSTLY_LEFT:
         return NONE_EXPLAINS
     if not added:
-        return NONE_EXPLAINS if what_is_missing(base, left) else "nothing missing"
+        return NONE_EXPLAINS if sign_of_missing(base, left) else "nothing missing"
     undetermined = set(undetermined_effects(with_intervals(after), base.model))
     if added <= undetermined:
         return "cannot tell"

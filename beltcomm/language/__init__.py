@@ -90,7 +90,7 @@ def told(sentence: str) -> str:
 
 
 def _filled(found: re.Match[str]) -> dict[str, str]:
-    """What fills a sentence, told too; a name that somebody gave (``{a_name}``) stays, though it may be a word of a screen."""
+    """Words that fill a sentence, told too; a name that somebody gave (``{a_name}``) stays, though it may be a word of a screen."""
     return {name: value if name.endswith("_name") else told(value) for name, value in found.groupdict().items()}
 
 

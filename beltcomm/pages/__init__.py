@@ -54,7 +54,7 @@ class Ended:
     line : str
         On it, or why there is none.
     error : float or None
-        Of the model over the noise, as :attr:`beltcomm.laboratory.compare.Comparison.told`.
+        Of the model over the noise, as :attr:`beltcomm.laboratory.compare.Comparison.decisive_ratio`.
     missing : Missing or None
         Of that comparison.
     doubts : sequence of str
@@ -87,7 +87,7 @@ def at_the_end(run: Path) -> Ended:
     try:
         shown = report(run)
         made = shown.data
-        known = (made.get("told"), made.get("missing"), made["data_sheet_words"], made["data_sheet"])
+        known = (made.get("decisive_ratio"), made.get("missing"), made["data_sheet_words"], made["data_sheet"])
         if made["page"] is None:
             return Ended(None, f"Note: {shown.text[-1]}", *known)
         return Ended(str(made["page"]), f"Report: {made['page']}", *known)

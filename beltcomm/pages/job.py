@@ -140,7 +140,7 @@ def _numbers_of(found: Gathered, page: Page, before: Gathered | None = None) -> 
         "next": list(page.next_steps),
         "sections": [section.key for section in page.sections],
         "missing": None if comparison is None else comparison.missing,
-        "told": None if comparison is None else comparison.told,
+        "decisive_ratio": None if comparison is None else comparison.decisive_ratio,
         "ratio": None if comparison is None else {"overall": comparison.ratio, "held_out": comparison.held_out},
         "plain": None if comparison is None else plain({"overall": comparison.plain, "held_out": comparison.plain_held_out}),
         "data_sheet": [plain(doubt) for doubt in doubts],
@@ -183,7 +183,7 @@ def _model(run: Gathered) -> Fact:
     found = run.comparison
     if found is None:
         return Fact(tr("Model error"), tr("not compared"), run.remarks[0] if run.remarks else "beltcomm compare says why", "note")
-    _, said, style = screens.model_state(found.told, missing=found.missing)
+    _, said, style = screens.model_state(found.decisive_ratio, missing=found.missing)
     state: State = "good" if style == "good" else "bad"
     if run.laboratory is not None and (doubt := reservation(found, run.laboratory.fitted, run.recordings)):
         said, state = doubt.rstrip("."), "note"

@@ -37,7 +37,7 @@ NOTED = "noted"
 #: Where it says that the move was driven with gains that a person has set in the drive.
 OWN = "own_loop"
 UNEXPLAINED = "the model does not explain what was measured"
-#: Error over the noise up to which a model explains a run, on the screen, in the report and on the page.
+#: Error over the noise up to which a record, or a model that was not compared with its records, is told as explained: by size alone.
 EXPLAINED = 1.1
 #: What each state of a headline means.
 MEANINGS: Mapping[str, Literal["good", "bad", "note"]] = {"pass": "good", "fail": "bad", "doubt": "bad", "stale": "note", "open": "note"}

@@ -45,7 +45,7 @@ def comparison_screen(comparison: Comparison, places: Sequence[str], notes: Sequ
     doubt : str
         Why the error says nothing.
     """
-    word, sentence, style = model_state(comparison.told, missing=comparison.missing)
+    word, sentence, style = model_state(comparison.decisive_ratio, missing=comparison.missing)
     if doubt:
         word, sentence, style = tr("NOT JUDGED"), doubt, "note"
     titles, rows = record_table(comparison)
@@ -61,7 +61,8 @@ def comparison_screen(comparison: Comparison, places: Sequence[str], notes: Sequ
     ]
     if places:
         lines += [Line("   ", (tr("where it fails most"), "title")), *(Line("     ", place) for place in places[:PLACES])]
-    return [*lines, *warning_lines([*held_out_words(comparison.ratio, comparison.held_out), *notes])]
+    held_out = held_out_words(comparison.ratio, comparison.held_out) if comparison.missing != "held out" else []  # the state says it
+    return [*lines, *warning_lines([*held_out, *notes])]
 
 
 def comparison_details(comparison: Comparison, model: Model) -> list[str]:

@@ -12,9 +12,9 @@ from click.testing import CliRunner, Result
 
 from beltcomm.axis import Axis, axis_from_dict, load_axis
 from beltcomm.axis.answers import USUAL, in_words, parts, usual, with_part
+from beltcomm.axis.doubtful import doubts
 from beltcomm.axis.entries import COMMISSION_NEEDS, SECTIONS, entries_of, meaning_of
 from beltcomm.axis.kinds import KINDS
-from beltcomm.axis.together import doubts
 from beltcomm.axis.written import TITLES, commented
 from beltcomm.cli.main import cli
 from beltcomm.configfiles import config_names, find_config, read_yaml, to_yaml, write_text

@@ -25,7 +25,7 @@ from beltcomm.laboratory.acceptance import (
     share_left,
     undetermined_effects,
 )
-from beltcomm.laboratory.compare import NOISE_KNOWN, what_is_missing
+from beltcomm.laboratory.compare import NOISE_KNOWN, sign_of_missing
 from beltcomm.laboratory.diagnosis import Stage, _verdict_of
 from beltcomm.laboratory.samples import _excess, _partitions
 from beltcomm.laboratory.selection import Candidate
@@ -406,5 +406,5 @@ def test_compare_and_diagnose_ask_one_thing(
     for name in effects:
         model = model.with_effect(name, {})
     fitted: Any = SimpleNamespace(objective=level * 5000, problem=problem, ratio=ratio, held_out_ratio=held_out, model=model)
-    assert what_is_missing(fitted, left) == missing
+    assert sign_of_missing(fitted, left) == missing
     assert (_verdict_of(fitted, [], (), left) != "nothing missing") is bool(missing)
