@@ -1,4 +1,4 @@
-"""Types of arrays, root mean square and decibels of one, its spread that outliers do not move, and the runs of a mask."""
+"""Types of arrays, root mean square, decibels and row means of one, its spread that outliers do not move, and the runs of a mask."""
 
 from typing import Any
 
@@ -59,6 +59,23 @@ def robust_deviation(values: Array) -> float:
         1.4826 times the median of their sizes, in their unit.
     """
     return 1.4826 * float(np.median(np.abs(values)))
+
+
+def row_means(rows: Array) -> Array:
+    """Mean of each row of a few values.
+
+    Parameters
+    ----------
+    rows : ndarray (..., k)
+        Of any unit.
+
+    Returns
+    -------
+    ndarray (...)
+        By a product: numpy's own mean takes ten times as long over few columns.
+    """
+    number = rows.shape[-1]
+    return np.asarray((rows.reshape(-1, number) @ np.full(number, 1.0 / number)).reshape(rows.shape[:-1]))
 
 
 def later(values: Array, samples: int) -> Array:

@@ -16,7 +16,7 @@ from beltcomm.fit.likelihood.problem import OFFSET_M
 from beltcomm.fit.noise.angle import NOISY
 from beltcomm.fit.noise.decimation import smallest_step
 from beltcomm.fit.noise.level import FEWEST, ORDER, rounding_of_reading, white_noise_deviation
-from beltcomm.fit.path_fit.choice import EXPLAINED, GOOD, PathChoice, choose_path, reads_command
+from beltcomm.fit.path_fit.choice import BEHIND, EXPLAINED, GOOD, PathChoice, choose_path, reads_command
 from beltcomm.fit.path_fit.residual_colour import with_likeliest_colour
 from beltcomm.fit.path_fit.sensor_noise import NoiseSplit, split_noise
 from beltcomm.fit.path_fit.values import by_path, refine_path
@@ -232,18 +232,24 @@ def likeliest_path(data: Data, fitted: Fitted, *, fixed: Sequence[str] = ()) -> 
     tuple of Data and Fitted
         As they were where the path has no rivals, or none is clearly likelier.
     """
+    samples, rivals = fitted.problem.samples, data.path.rivals
+    # A model that is far off itself does not tell small things of a path, and what it leaves counts as noise.
+    far_off = EXPLAINED * (fitted.objective - samples) if fitted.ratio > ROUGH else 0.0
+    clear = max(clear_gain(samples) * max(fitted.ratio, 1.0) ** 2, far_off)
+    told = bool(rivals) and data.path.chain is not None and not data.path.commanded
+    to_fit = [r for r in data.recordings if not r.sidecar.held_out]
+    if told:  # what the readings speak against by more than any motion makes good need not be fitted
+        own, *readings = unlikely_readings([data.path, *rivals], to_fit)
+        rivals = tuple(rival for rival, more in zip(rivals, readings, strict=True) if more - own <= clear + BEHIND * samples)
     tried = [(data, fitted)]
-    for rival in data.path.rivals:
+    for rival in rivals:
         ahead = by_path(data, fitted.model, rival)
         tried.append(refine_path(ahead, fit(ahead, fitted.model, NEXT_ITERATIONS, fixed=fixed)))
-    samples = fitted.problem.samples
     lacks = [samples * other.objective / max(other.problem.samples, 1) for _, other in tried]
-    if len(tried) > 1 and data.path.chain is not None and not data.path.commanded:
-        readings = unlikely_readings([ahead.path for ahead, _ in tried], [r for r in data.recordings if not r.sidecar.held_out])
+    if told:
+        readings = unlikely_readings([ahead.path for ahead, _ in tried], to_fit)
         lacks = [lack + more for lack, more in zip(lacks, readings, strict=True)]
-    # A model that is far off itself does not tell small things of a path, and what it leaves counts as noise.
-    far_off = EXPLAINED * (lacks[0] - samples) if fitted.ratio > ROUGH else 0.0
-    clear, least = max(clear_gain(samples) * max(fitted.ratio, 1.0) ** 2, far_off), min(lacks)
+    least = min(lacks)
     best = 0 if lacks[0] <= least + clear else lacks.index(least)
     near = tuple(ahead.path for number, (ahead, _) in enumerate(tried) if number != best and lacks[number] <= lacks[best] + clear)
     ahead, found = tried[best]

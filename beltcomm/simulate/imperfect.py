@@ -8,7 +8,7 @@ from typing import cast
 
 import numpy as np
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, row_means
 from beltcomm.effects import Effect
 from beltcomm.model import Model
 
@@ -137,7 +137,7 @@ class Intersample:
             (n per_sample,).
         """
         if CELLS % per_sample == 0:
-            above = self.above.reshape(len(torque), per_sample, -1).mean(axis=2) if per_sample < CELLS else self.above
+            above = row_means(self.above.reshape(len(torque), per_sample, -1)) if per_sample < CELLS else self.above
         else:  # fine steps for a coupling follow its frequency
             edges = np.linspace(0.0, CELLS, per_sample + 1)
             low = np.minimum(edges.astype(np.intp), CELLS - 1)

@@ -23,7 +23,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, row_means
 from beltcomm.effects import EFFECTS
 from beltcomm.model import Model
 from beltcomm.model.mounted import Mounted, loaded
@@ -516,7 +516,7 @@ def coarse(cells: Array, together: int) -> Array:
     ndarray (n/together,)
         In their unit.
     """
-    return cells if together == 1 else np.asarray(cells.reshape(-1, together).mean(axis=1))
+    return cells if together == 1 else row_means(cells.reshape(-1, together))
 
 
 def reading_lags(model: Model, vector: Array) -> Lags:

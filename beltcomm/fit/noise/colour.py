@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -41,10 +42,13 @@ class NoiseColour:
         return self.numerator[0] ** 2 if self.numerator else 0.25 * (1.0 - self.pole**2)
 
 
+#: Colours whose states are kept: a search asks for the same ones for every segment.
+KEPT = 16
 #: No colour.
 WHITE_NOISE = NoiseColour()
 
 
+@lru_cache(maxsize=KEPT)
 def filter_states(colour: NoiseColour) -> tuple[Array, Array, Array]:
     """States of b(z)/a(z):  s[n+1] = F s[n] + G ν[n],  y[n] = s₁[n] + b₀ ν[n].
 

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, row_means
 from beltcomm.simulate.imperfect import CELLS, Intersample
 
 #: Differences that are looked at, parts that the smallest may have, deviation from whole multiples of the step, and share that keep to it.
@@ -69,7 +69,7 @@ def decimate(row: Array, every: int) -> Array:
     ndarray, (n // every,)
         In the unit of the row.
     """
-    return np.asarray(row[: len(row) // every * every].reshape(-1, every).mean(axis=1))
+    return row_means(row[: len(row) // every * every].reshape(-1, every))
 
 
 def decimate_torque(torque: Array, within: Intersample | None, every: int) -> tuple[Array, Intersample]:
@@ -86,8 +86,8 @@ def decimate_torque(torque: Array, within: Intersample | None, every: int) -> tu
     """
     number = len(torque) // every
     cells = torque[:, None] + (np.zeros((1, CELLS)) if within is None else within.above)
-    cells = cells[: number * every].reshape(number, CELLS, every).mean(axis=2)
-    means = cells.mean(axis=1)
+    cells = row_means(cells[: number * every].reshape(number, CELLS, every))
+    means = row_means(cells)
     return means, Intersample(cells - means[:, None])
 
 

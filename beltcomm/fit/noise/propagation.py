@@ -57,7 +57,7 @@ AROUND = np.exp(2j * np.pi * np.arange(1, POINTS // 2) / POINTS)
 KEPT = 512
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # known by itself: one path is kept for each model
 class NoisePath:
     """Path of the noises to the residual:  s[n+1] = F s[n] + G (ε[n], w[n]),   e[n] = H s[n] + D (ε[n], w[n]).
 
@@ -301,15 +301,20 @@ def _path(
     return _with_dead_time(_read_late(path, reading_s), dead_s, lag_s)
 
 
-def with_state_in_front(begins: Array) -> Array:
-    """``NoisePath.begins``, (k, k, 4), with one more state in front, 0 at the first sample; (k + 1, k + 1, 4).
+def with_states_in_front(covariance: Array, number: int = 1) -> Array:
+    """A covariance of states, (k, k) or ``NoisePath.begins``, with more of them in front, 0 at the first sample.
 
     Parameters
     ----------
-    begins : ndarray (k, k, 4)
-        Of a path.
+    covariance : ndarray (k, k, ...)
+        Of a path's states.
+    number : int
+        Of states in front.
     """
-    return np.pad(begins, ((1, 0), (1, 0), (0, 0)))
+    size = len(covariance) + number  # not by ``numpy.pad``, which takes ten times as long
+    found = np.zeros((size, size, *covariance.shape[2:]))
+    found[number:, number:] = covariance
+    return found
 
 
 def _read_late(path: NoisePath, time_s: float) -> NoisePath:

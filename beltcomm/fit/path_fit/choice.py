@@ -227,10 +227,13 @@ def _liveliest(recordings: Sequence[Recording]) -> list[Recording]:
     return chosen
 
 
-def _fit_by(data: Data, recordings: Sequence[Recording], start: Model, path: TorquePath, worth: float = math.inf) -> Fitted:
+def _fit_by(
+    data: Data, recordings: Sequence[Recording], start: Model, path: TorquePath, worth: float = math.inf, near: Fitted | None = None
+) -> Fitted:
     """The base model fitted to some records by one path, and once more with the motion rebuilt.
 
-    worth : O per sample, above which the path does not matter; its search ends where it does not get there.
+    worth : O per sample, above which the path does not matter; its search ends where it does not get there.   near : by another path; where
+    it leaves little, the search begins there, and its motion is that of this one.
     """
 
     def fitted(model: Model, offsets: Array | None = None) -> Fitted:
@@ -238,6 +241,8 @@ def _fit_by(data: Data, recordings: Sequence[Recording], start: Model, path: Tor
         problem = problem_of(ahead, model)
         return fit_of(problem, ahead, ITERATIONS, offsets=offsets, goal=worth * max(problem.samples, 1))
 
+    if near is not None and near.ratio <= FAR_OFF:
+        return fitted(near.model, near.offsets)
     found = fitted(start)
     if _level(found) > worth:
         return found
@@ -245,11 +250,13 @@ def _fit_by(data: Data, recordings: Sequence[Recording], start: Model, path: Tor
     return better if better.objective / max(better.problem.samples, 1) < found.objective / max(found.problem.samples, 1) else found
 
 
-def _fit_ways(data: Data, recordings: Sequence[Recording], start: Model, ways: Sequence[TorquePath]) -> list[tuple[TorquePath, Fitted]]:
-    """Fits by some paths, the best first; one far behind the best before it is not fitted to its end."""
+def _fit_ways(
+    data: Data, recordings: Sequence[Recording], start: Model, ways: Sequence[TorquePath], near: Fitted | None = None
+) -> list[tuple[TorquePath, Fitted]]:
+    """Fits by some paths, the best first; one far behind the best before it is not fitted to its end.   near : as of ``_fit_by``."""
     trials, least = list[tuple[TorquePath, Fitted]](), math.inf
     for path in ways:
-        trials.append((path, _fit_by(data, recordings, start, path, least + BEHIND)))
+        trials.append((path, _fit_by(data, recordings, start, path, least + BEHIND, near)))
         least = min(least, _level(trials[-1][1]))
     return sorted(trials, key=lambda trial: _level(trial[1]))
 
@@ -320,7 +327,7 @@ def _best_time_constant(
     """
 
     def level(logarithm: float) -> float:
-        return _level(_fit_by(data, recordings, start, path_of(math.exp(logarithm), 0.0)), first)
+        return _level(_fit_by(data, recordings, start, path_of(math.exp(logarithm), 0.0), near=first), first)
 
     grid = np.log(times_tried(recordings[0].sample_period_s))
     levels = [level(float(x)) for x in grid]
@@ -334,7 +341,7 @@ def _best_time_constant(
         best += min(max(0.5 * APART * (below - above) / curved, -APART), APART)
         half = NORMAL_95 * APART * math.sqrt(2.0 / (first.problem.samples * curved))
     path = path_of(math.exp(best), half * math.exp(best))
-    return path, _fit_by(data, recordings, start, path)
+    return path, _fit_by(data, recordings, start, path, near=first)
 
 
 def _undone(data: Data, start: Model, to_fit: Sequence[Recording]) -> PathChoice:
@@ -361,7 +368,7 @@ def _best_value(
     data: Data, recordings: Sequence[Recording], start: Model, first: PathChoice, paths: Sequence[TorquePath]
 ) -> tuple[TorquePath, Fitted]:
     """The best of some paths, and the fit by it."""
-    return min(_fit_ways(data, recordings, start, paths), key=lambda trial: _level(trial[1], first.fitted))
+    return min(_fit_ways(data, recordings, start, paths, first.fitted), key=lambda trial: _level(trial[1], first.fitted))
 
 
 def _motion_asks_for_path(data: Data, fitted: Fitted) -> bool:

@@ -23,7 +23,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from beltcomm.arrays import Array, later
+from beltcomm.arrays import Array, later, row_means
 from beltcomm.compiled import compiled
 from beltcomm.fit.noise.colour import NoiseColour, deconvolve, undone_noise
 from beltcomm.fit.noise.process_torque import ProcessTorque, Unread, process_from_dict, process_to_dict, with_unread
@@ -246,7 +246,7 @@ class ReadingLaw:
         if self.at_end:
             whole = math.floor(self.late)
             return later(torque_at(cells, 1.0 - (self.late - whole)), whole)
-        return np.asarray(_late(cells, self.late).mean(axis=1))
+        return row_means(_late(cells, self.late))
 
     def delay_s(self, sample_s: float) -> float:
         """Delay of a slow torque.
@@ -322,7 +322,7 @@ class TorquePath:
         """
         if self.drive is None or setpoint is None or self.acts == 1.0:
             return acting
-        means = self.drive.cells(setpoint, sample_s).mean(axis=1)
+        means = row_means(self.drive.cells(setpoint, sample_s))
         offset = float(np.median(acting - means))
         return np.asarray(means + offset + self.acts * (acting - means - offset))
 
@@ -350,7 +350,7 @@ class TorquePath:
         else:
             law = self.drive
         cells = law.cells(setpoint, sample_s)
-        means = cells.mean(axis=1)
+        means = row_means(cells)
         if self.commanded:
             torque = means
         elif not self.reading.faithful:

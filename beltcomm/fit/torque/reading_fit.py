@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, row_means
 from beltcomm.fit.noise.level import COLOURED, LEAST_COLOUR, MOST_COLOUR, correlation, robust_rms
 from beltcomm.fit.torque.path import DriveLaw, Kind, Lag, TorquePath, torque_at
 from beltcomm.model.value import NORMAL_95
@@ -296,7 +296,7 @@ def _start(chain: tuple[Kind, ...], pairs: Sequence[Pair]) -> list[tuple[float, 
 def _predicted_reading(law: DriveLaw, setpoint: Array, sample_s: float, at_end: bool) -> Array:
     """Reading without noise, (n,), N m, of gain 1."""
     cells = law.cells(setpoint, sample_s, COARSE)
-    return torque_at(cells, 1.0) if at_end else np.asarray(cells.mean(axis=1))
+    return torque_at(cells, 1.0) if at_end else row_means(cells)
 
 
 def _fit_chain(
