@@ -82,10 +82,11 @@ _KNOWN = {"value": float, "interval?": SIZE, "unit?": str}
 _LAGS = [{"kind": str, "values": [SIZE], "intervals": [SIZE]}]
 _TORQUE_PATH: dict[str, Any] = {
     "drive?": {"delay": SIZE, "delay_interval": SIZE, "gain": GAIN, "lags": _LAGS},
-    "reading": {"late": SIZE, "lags": _LAGS, "at_end?": bool},
+    "reading": {"late": float, "lags": _LAGS, "at_end?": bool},
     "commanded": bool,
     "acts": float,
     "unseen?": bool,
+    "continuous?": bool,
     "process?": dict.fromkeys(("rms_nm", "time_s", "rms_interval", "time_interval"), SIZE),
 }
 _TORQUE_PATH["rivals"] = [_TORQUE_PATH]

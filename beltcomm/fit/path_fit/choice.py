@@ -24,6 +24,7 @@ from beltcomm.fit.path_fit.trial_paths import (
     LATE_SHARES,
     LOOP_SHARES,
     SWITCHING,
+    continuous_paths,
     families_without_setpoint,
     kind_of,
     lookalikes,
@@ -148,7 +149,7 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
     ways = ways_of([(one.law, one.at_end) for one in (chain, other) if one is not None], sample_s)
     if not any(path.reading.faithful for path in ways):
         ways.append(faithful)
-    trials = _fit_ways(data, lively, start, ways)
+    trials = _fit_ways(data, lively, start, [*ways, *continuous_paths()])
     trials, hidden = _refine_kinds(data, lively, trials), list[TorquePath]()
     if trials[0][1].ratio > HIDDEN:
         hidden = ways_of([(one.law, one.at_end) for one in hidden_chains(to_fit, chain)], sample_s, beside=ways)

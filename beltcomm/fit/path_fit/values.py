@@ -119,7 +119,7 @@ class ByReading:
 
 def _by_reading(data: Data, values: Array) -> ByReading:
     """Of the path of some records; next to nothing where its reading is the command, or without a setpoint."""
-    path, hardly = data.path, np.diag(1.0 / (UNKNOWN * values) ** 2)
+    path, hardly = data.path, np.diag(1.0 / (UNKNOWN * _units(data.path, values)) ** 2)
     pairs, sample_s = lively_pairs([r for r in data.recordings if not r.sidecar.held_out])
     if path.drive is None or path.commanded or not pairs:
         return ByReading(hardly, np.zeros(len(values)), 0.0)
@@ -170,7 +170,7 @@ def _free_delays(path: TorquePath) -> tuple[int, ...]:
     if _is_divided(path):
         return (1,)
     own = before > WHOLE and (late > WHOLE or abs(before - round(before)) > WHOLE)
-    return (*((0,) if own else ()), *((1,) if late > WHOLE else ()))
+    return (*((0,) if own else ()), *((1,) if late > WHOLE or path.continuous else ()))
 
 
 def _is_divided(path: TorquePath) -> bool:
@@ -181,6 +181,8 @@ def _is_divided(path: TorquePath) -> bool:
 
 def _most(path: TorquePath, values: Array) -> Array:
     """Changes of the values that a first order bears: of a delay part of a period, but not below 0."""
+    if path.continuous:
+        return np.full(len(values), MOST)
     most, first = MOST * values, sum(len(lag.values) for lag in _lags(path))
     delays = slice(first, first + len(_free_delays(path)))
     least = np.minimum(values[delays], path.drive.delay) if path.drive is not None and _is_divided(path) else values[delays]
@@ -195,6 +197,11 @@ def _lags(path: TorquePath) -> tuple[Lag, ...]:
 def _values(path: TorquePath) -> Array:
     """Values of all filters of the drive, then of the reading, then delays that are not whole."""
     return np.array([value for lag in _lags(path) for value in lag.values] + [_delays(path)[place] for place in _free_delays(path)])
+
+
+def _units(path: TorquePath, values: Array) -> Array:
+    """Size of each value for differences; a period for the instant of a reading, which may be 0."""
+    return np.ones(len(values)) if path.continuous else values
 
 
 def _delays(path: TorquePath) -> tuple[float, float]:
@@ -238,7 +245,7 @@ def columns_of(data: Data, fitted: Fitted) -> Array | None:
     fitted : Fitted
     """
     values = _values(data.path)
-    steps = STEP * values
+    steps = STEP * _units(data.path, values)
     return _changes(data, fitted, [_with_values(data.path, values + step) for step in np.diag(steps)], steps)
 
 

@@ -27,6 +27,7 @@ from beltcomm.arrays import Array, later, row_means
 from beltcomm.compiled import compiled
 from beltcomm.fit.noise.colour import NoiseColour, deconvolve, undone_noise
 from beltcomm.fit.noise.process_torque import ProcessTorque, Unread, process_from_dict, process_to_dict, with_unread
+from beltcomm.fit.torque.continuous import spline_cells, spline_noise
 from beltcomm.simulate.imperfect import CELLS, Intersample
 
 #: A filter: of the drive's samples, or of continuous time and of first or second order, as a current loop is; or a limit of the slew rate.
@@ -281,6 +282,8 @@ class TorquePath:
         Other paths that the records do not tell from this one.
     process : ProcessTorque or None
         What acts beside the setpoint's part, where reading and motion tell how long it lasts, or how much of it is not read.
+    continuous : bool
+        Whether the reading is the torque at an instant and changes all the time between: a loop is faster than the record.
     """
 
     drive: DriveLaw | None = None
@@ -290,11 +293,12 @@ class TorquePath:
     without_setpoint: bool = False
     rivals: tuple[TorquePath, ...] = field(default=(), compare=False)
     process: ProcessTorque | None = None
+    continuous: bool = False
 
     @property
     def read_as_acts(self) -> bool:
         """True if the reading is the torque that acts."""
-        return self.reading.faithful and not self.commanded
+        return self.reading.faithful and not self.commanded and not self.continuous
 
     @property
     def chain(self) -> DriveLaw | None:
@@ -343,6 +347,10 @@ class TorquePath:
         tuple[ndarray, Intersample | None]
             Mean over each period, (n,), N m, and its spread inside.
         """
+        if self.continuous:
+            cells = spline_cells(torque, self.reading.late, CELLS)
+            means = row_means(cells)
+            return means, Intersample(cells - means[:, None])
         if self.drive is None or setpoint is None:
             if self.drive is None and self.reading.faithful:
                 return torque, None
@@ -379,6 +387,8 @@ class TorquePath:
         ValueError
             For a path that cannot be undone.
         """
+        if self.continuous:
+            return spline_noise(pole)
         if self.commanded or (self.reading.faithful and self.drive is None) or not (self.without_setpoint or self.drive is None):
             return self._beside_setpoint(pole, sample_s)
         shown, cells, poles = self._answers(sample_s)
@@ -514,6 +524,7 @@ def path_to_dict(path: TorquePath) -> dict[str, Any]:
         "commanded": path.commanded,
         "acts": float(path.acts),
         "unseen": path.without_setpoint,
+        "continuous": path.continuous,
         "rivals": [path_to_dict(rival) for rival in path.rivals],
         **process_to_dict(path.process),
     }
@@ -557,7 +568,8 @@ def path_from_dict(data: Mapping[str, Any]) -> TorquePath:
     reading = ReadingLaw(float(data["reading"]["late"]), lags(data["reading"]), bool(data["reading"].get("at_end", False)))
     rivals = tuple(path_from_dict(rival) for rival in data["rivals"])
     process = process_from_dict(data.get("process"))
-    return TorquePath(law, reading, bool(data["commanded"]), float(data["acts"]), bool(data.get("unseen", False)), rivals, process)
+    unseen, continuous = (bool(data.get(key, False)) for key in ("unseen", "continuous"))
+    return TorquePath(law, reading, bool(data["commanded"]), float(data["acts"]), unseen, rivals, process, continuous)
 
 
 def torque_at(cells: Array, share: float) -> Array:
