@@ -43,6 +43,8 @@ SETTLING, LONGEST, BLOCK, NEGLIGIBLE = 600, 6000, 100, 1e-7
 #: Variance that rounding adds, that of the residual being 1, beyond which a model does not hold its bodies; near the right one it is
 #: less than 1.
 ABSURD = 1e6
+#: v(x) - v(x₀) that is taken off at most: of a carriage that hardly anything damps it would be more than all that is left, whatever that is.
+MOST = 1.0
 
 
 class RoundingBias:
@@ -87,11 +89,13 @@ class RoundingBias:
         self._last: tuple[bytes, Array] = (b"", np.zeros(0))
 
     def __call__(self, vector: Array) -> Array:
-        """v(x) - v(x₀) of each segment, (segments,); in units of the whitened residual's variance, inf where a body flies off."""
+        """v(x) - v(x₀) of each segment, at most :data:`MOST`, (segments,); in units of the whitened residual's variance, inf where a body
+        flies off.
+        """
         key = vector.tobytes()
         if self._last[0] != key:
             excess = np.append(self._values(self.model.with_vector(vector)) - np.where(np.isfinite(self._start), self._start, 0.0), 0.0)
-            self._last = (key, excess[self.of_segment])
+            self._last = (key, np.where(np.isfinite(excess), np.minimum(excess, MOST), excess)[self.of_segment])
         return self._last[1]
 
     def _paths(self, model: Model) -> dict[Where, NoisePath]:
@@ -124,7 +128,8 @@ class RoundingBias:
         every = [self._paths(self.model.with_vector(v)) for v in (vector, *others)]
         for number, kind in enumerate(self.kinds):
             own = [paths[kind.where] for paths in every]
-            if not all(math.isfinite(kind.power(path)) for path in own):
+            powers = [kind.power(path) for path in own]
+            if not all(map(math.isfinite, powers)) or (math.isfinite(kind.start) and powers[0] - kind.start > MOST):
                 continue
             here, *beside = (kind.response(path) for path in own)
             long = max(r.shape[1] for r in (here, *beside))

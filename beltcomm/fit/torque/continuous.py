@@ -15,8 +15,8 @@ import numpy as np
 from beltcomm.arrays import Array
 from beltcomm.fit.noise.colour import NoiseColour
 
-#: Zeros inside the unit circle of the splines of fifth and third order at the samples.
-_FIFTH, _THIRD = (-0.430575347099973, -0.0430962882032647), (-0.267949192431123,)
+#: Zeros inside the unit circle of the splines of fifth and third order at the samples; each has another one outside, of the same size on it.
+_FIFTH, _THIRD = 2 * (-0.430575347099973, -0.0430962882032647), 2 * (-0.267949192431123,)
 
 
 def spline_cells(torque: Array, late: float, cells: int) -> Array:
