@@ -35,9 +35,8 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.sending import Sending
 from beltcomm.talk import Silence
 from beltcomm.trajectory import Trajectory, plan_trajectory, with_dwell
-from beltcomm.tuning.bench import Bench, CascadeView, TrackingPrediction
+from beltcomm.tuning.bench import DISTURBANCE_NM, Bench, CascadeView, OpenLoops, Responses, TrackingPrediction
 from beltcomm.tuning.changes import TuningChange, changes, error_changes, sentence
-from beltcomm.tuning.curves import DISTURBANCE_NM, OpenLoops, Responses
 from beltcomm.tuning.ground import MOST_PAYLOAD_KG, RANGES, DesignInput, SliderSetting, setting_from
 from beltcomm.tuning.presets import KINDS, PACES, preset
 from beltcomm.verify import REST_S, Loop

@@ -14,7 +14,7 @@ from beltcomm.identify.standstill import Standstill
 from beltcomm.identify.sweeps import FEWEST_SPEEDS, Drift, LoadDependence, Sweep, clear
 from beltcomm.model.value import Value
 from beltcomm.result import table
-from beltcomm.schedule.strokes import DEFAULT
+from beltcomm.schedule.orders import DEFAULT
 from beltcomm.sentences.words import number
 
 if TYPE_CHECKING:  # the report uses this module too, and drives no stroke

@@ -15,7 +15,7 @@ from beltcomm.axis.entries import NO_TARGETS
 from beltcomm.axis.terms import PLAIN, Terms, terms_of
 from beltcomm.configfiles import did_you_mean, find_config, read_yaml
 from beltcomm.control import Cascade
-from beltcomm.design.compensation import compensation
+from beltcomm.design.feedforward import compensation
 from beltcomm.drive.parameters import cascade_to_parameters, parameters_to_cascade
 from beltcomm.errors import DataError, UsageError
 from beltcomm.model import PlantFile, load_plant
