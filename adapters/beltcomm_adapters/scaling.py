@@ -287,7 +287,7 @@ def _counts(objects: Objects, profile: Profile, plate: KnownMotor, said: list[st
 
 def _position(objects: Objects, profile: Profile, counts: int | None) -> tuple[float, float | None, bool]:
     """One position unit in rad of the motor; one rad of the motor in m of the load, where the units are of length; whether it is told."""
-    gear = _ratio_or_one(objects, 0x6091)
+    gear = 1.0 if objects.read_if_there(0x6091, 1, "uint32") is None else _ratio(objects, 0x6091)
     code = objects.read_if_there(0x60A8, 0, "uint32")
     unit = coded(code) if code else None
     feed = None if objects.read_if_there(0x6092, 1, "uint32") is None else _ratio(objects, 0x6092)

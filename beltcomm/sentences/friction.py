@@ -104,7 +104,7 @@ def _table(sweeps: Sequence[Sweep]) -> list[str]:
         assert s.fit is not None
         clock = "not known" if s.from_s is None or s.to_s is None else f"{s.from_s / 60.0:.2f} to {s.to_s / 60.0:.2f}"
         driven = len({round(abs(p.reference_rad_s), 6) for p in s.plateaus})
-        both = [_pair(s.fit.coulomb, 1e3), _pair(s.fit.viscous, 1e3)]
+        both = [_in_thousandths(s.fit.coulomb), _in_thousandths(s.fit.viscous)]
         rows.append([name, f"{driven}", clock, *both, f"{1e3 * s.fit.rms_nm:.2f}", _slow(s)])
     columns = ["order", ">speeds", ">minutes", ">Coulomb, mN m", ">viscous, mN m s/rad", ">left, mN m", "below 10 mm/s"]
     return [
@@ -113,9 +113,9 @@ def _table(sweeps: Sequence[Sweep]) -> list[str]:
     ]
 
 
-def _pair(value: Value, factor: float) -> str:
+def _in_thousandths(value: Value) -> str:
     """Value and interval without the unit, which stands in the head."""
-    return number(factor * value.value, None if value.interval is None else factor * value.interval, "").rstrip()
+    return number(1e3 * value.value, None if value.interval is None else 1e3 * value.interval, "").rstrip()
 
 
 def _slow(sweep: Sweep) -> str:
@@ -260,7 +260,7 @@ def load_lines(found: LoadDependence, by: str, common_rad_s: float) -> list[str]
     lines = [
         f"Friction against load ({by}; 95 % intervals; speeds up to {common_rad_s:.3g} rad/s at the motor, which all have):",
     ]
-    rows = [[g.name, f"{g.load_kg:.2f} kg", f"{g.sweeps}", _pair(g.coulomb, 1e3), _pair(g.viscous, 1e3)] for g in found.groups]
+    rows = [[g.name, f"{g.load_kg:.2f} kg", f"{g.sweeps}", _in_thousandths(g.coulomb), _in_thousandths(g.viscous)] for g in found.groups]
     lines += table(["", ">load", ">sweeps", ">Coulomb, mN m", ">viscous, mN m s/rad"], rows, "  ")
     for value, words, unit in ((found.coulomb, "Coulomb", "mN m per kg"), (found.viscous, "viscous", "mN m s/rad per kg")):
         lines.append(

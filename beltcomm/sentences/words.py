@@ -139,8 +139,8 @@ def friction_lines(friction: FrictionFit) -> list[str]:
     """
     lines = [
         "Friction from the sweep (motor and carriage together, at the motor):",
-        f"  Coulomb  {number(1e3 * friction.coulomb.value, _half(friction.coulomb.interval, 1e3), 'mN m')}",
-        f"  viscous  {number(1e3 * friction.viscous.value, _half(friction.viscous.interval, 1e3), 'mN m s/rad')}",
+        f"  Coulomb  {number(1e3 * friction.coulomb.value, _in_thousandths(friction.coulomb.interval), 'mN m')}",
+        f"  viscous  {number(1e3 * friction.viscous.value, _in_thousandths(friction.viscous.interval), 'mN m s/rad')}",
     ]
     for words, pair in (("forward", friction.forward), ("backward", friction.backward)):
         if pair is not None:
@@ -152,8 +152,8 @@ def friction_lines(friction: FrictionFit) -> list[str]:
     return lines + [f"  {remark}" for remark in friction.remarks]
 
 
-def _half(interval: float | None, factor: float) -> float | None:
-    return None if interval is None else interval * factor
+def _in_thousandths(interval: float | None) -> float | None:
+    return None if interval is None else 1e3 * interval
 
 
 def design_lines(design: DesignResult, cascade: Cascade) -> list[str]:
