@@ -13,6 +13,7 @@ from typing import Any, get_args
 import numpy as np
 
 from beltcomm.app.view import stamp_of
+from beltcomm.arrays import decibels
 from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.knobs import OutOfReach
@@ -225,7 +226,7 @@ class TunedDesign:
             return None
         found: dict[str, Any] = {"record": near.name, "place_m": condition_of(near, ratio).place_m, "freq_hz": _digits(loop.freq_hz)}
         for name, values in (("velocity", loop.velocity), ("position", loop.position)):
-            found[f"{name}_db"] = _digits(20.0 * np.log10(np.abs(values)))
+            found[f"{name}_db"] = _digits(decibels(values))
             found[f"{name}_deg"] = _digits(np.degrees(np.angle(-values)) - 180.0)
         return found
 

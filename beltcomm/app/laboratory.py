@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from beltcomm import isolation
 from beltcomm.app.view import ResidualView, shown, stamp_of
 from beltcomm.app.worker import work
-from beltcomm.arrays import Array, BoolArray
+from beltcomm.arrays import Array, BoolArray, decibels
 from beltcomm.axis.terms import Terms
 from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.errors import UsageError
@@ -232,7 +232,7 @@ class LaboratoryTab:
             else {
                 "freq_hz": shown(pair.freq_hz),
                 "of": "position, dB re 1 m/N" if view.units.force == "N" else f"angle, dB re 1 rad/({view.units.force})",
-                "db": [shown(20.0 * np.log10(np.abs(one))) for one in (pair.measured, pair.model)],
+                "db": [shown(decibels(one)) for one in (pair.measured, pair.model)],
                 "deg": [shown(below(one)) for one in (pair.measured, pair.model)],
                 "noise_db": None if pair.radius is None else shown(20.0 * np.log10(np.maximum(pair.radius, 1e-12))),
             },

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
 from beltcomm.axis.entries import NO_TARGETS, AxisTargets, entries_of
+from beltcomm.configfiles import digest_of
 from beltcomm.control import Cascade
 from beltcomm.drive.parameters import cascade_to_parameters
 from beltcomm.errors import BeltcommError
@@ -369,4 +368,4 @@ def _missed(errors: Mapping[str, Mapping[str, Any]], targets: AxisTargets) -> li
 
 
 def _hash(value: Any) -> str:
-    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:12]
+    return digest_of(value)[:12]
