@@ -26,8 +26,7 @@ from matplotlib.textpath import text_to_path
 from beltcomm.arrays import Array
 from beltcomm.borders import for_html
 from beltcomm.report import style
-from beltcomm.report.placing import place
-from beltcomm.report.ticks import POINTS_PER_INCH
+from beltcomm.report.placing import POINTS_PER_INCH, place
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
