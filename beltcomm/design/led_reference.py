@@ -21,7 +21,7 @@ from beltcomm.arrays import Array
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.compliant import REST_M_S, lead_motion, with_rest_before
 from beltcomm.errors import Refused
-from beltcomm.identify.led_gains import measured_speed
+from beltcomm.identify.led_gains import filtered_speed
 from beltcomm.model import Model
 from beltcomm.simulate.stopping import total_friction
 from beltcomm.trajectory import Trajectory
@@ -117,7 +117,7 @@ def led_reference(
     over = int(np.searchsorted(loops + ahead_s, motor.t_s[last]))
     friction = HELD_SHARE * total_friction(model)
     error = _speed_error(asked, over, cascade, loop_s, friction)
-    speed = measured_speed(angle, loop_s, cascade.velocity_filter_s)
+    speed = filtered_speed(angle, loop_s, cascade.velocity_filter_s)
     lead = np.interp(motor.t_s, loops, ratio * (speed + error) / cascade.kpp_1_s)
     return LedReference(motor, led.carriage, lead, torque)
 
