@@ -25,9 +25,8 @@ from beltcomm.rundata.cost import offline_move
 from beltcomm.rundata.proof import move_of
 from beltcomm.rundata.store import saved_design
 from beltcomm.runfolder import RunFolder
-from beltcomm.study.members import Commissioned, Doing, Fleet, MemberTracking, Work
+from beltcomm.study.members import Commissioned, Doing, Fleet, MemberTracking, SharedInput, Targets, Work
 from beltcomm.study.population import Population, Values, nominal_of, population_from, units_of
-from beltcomm.study.tracking import SharedInput, Targets
 from beltcomm.trajectory import load_move, with_dwell
 from beltcomm.verify import REST_S, Loop
 
