@@ -13,7 +13,7 @@ from typing import Any
 from beltcomm.app.serve import open_page as open_page
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
-from beltcomm.design.compensation import compensated_effects
+from beltcomm.design.feedforward import compensated_effects
 from beltcomm.design.specification import Specification
 from beltcomm.drive import Drive, open_drive
 from beltcomm.drive.access import able

@@ -338,7 +338,18 @@ def unsealed(mapping: Mapping[str, Any]) -> tuple[dict[str, Any], bool]:
 
 
 def _checksum(content: Mapping[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
+    return digest_of(content)[:32]
+
+
+def digest_of(value: Any) -> str:
+    """SHA-256 of plain values, whatever the order of their keys.
+
+    Parameters
+    ----------
+    value : Any
+        That JSON can say.
+    """
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
 
 
 def write_text(path: Path, text: str | Iterable[str]) -> None:

@@ -21,6 +21,7 @@ from beltcomm.rundata.headline import NextCommand, headline_of, next_command
 from beltcomm.rundata.revisions import Revision, revisions
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences import screens
+from beltcomm.sentences.laboratory import verdict_state
 from beltcomm.sentences.own_words import own_words
 from beltcomm.talk import Silence, Talk
 
@@ -104,7 +105,8 @@ def _nothing(run: Any, data: Mapping[str, Any], found: Result, named: list[str])
     verdict, names = data["verdict"], ", ".join(named)
     step = NextCommand(f"beltcomm compare {pasted(run)}", tr("where the error sits"))
     if verdict == "nothing missing":
-        state, said = (tr("NOTHING MISSING"), "good"), tr("the model explains what was measured")
+        word, said, style = verdict_state(verdict, ())
+        state = (word, style)
         step = NextCommand(f"beltcomm open {pasted(run)}", tr("other gains on a page"))
     elif not named:
         state, said = (tr("NOT IMPROVED"), "note"), tr("no effect was named; what diagnose says of it: --details")

@@ -74,7 +74,7 @@ def opened(
         raise
 
 
-def read_bytes(path: Path, most: int = SETTINGS_BYTES, failure: type[BeltcommError] = DataError, *, within: Path | None = None) -> bytes:
+def read_bytes(path: Path, most: int = SETTINGS_BYTES, failure: type[BeltcommError] = DataError) -> bytes:
     """All bytes of a file, see :func:`opened`.
 
     Parameters
@@ -84,15 +84,13 @@ def read_bytes(path: Path, most: int = SETTINGS_BYTES, failure: type[BeltcommErr
         That are read.
     failure : type of BeltcommError
         Raised for what is not read.
-    within : Path or None
-        Folder that the file must not lead out of.
 
     Raises
     ------
     OSError
         When it cannot be opened.
     """
-    with opened(path, most, failure, within=within) as file:
+    with opened(path, most, failure) as file:
         return file.read(most)
 
 

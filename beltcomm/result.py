@@ -16,6 +16,9 @@ import numpy as np
 from beltcomm.borders import for_html
 from beltcomm.language import told, tr
 
+#: Characters of a bar between its brackets.
+BAR = 16
+
 
 @dataclass(frozen=True)
 class Result:
@@ -99,18 +102,16 @@ class Line(str):
         return row
 
 
-def bar(share: float, width: int = 16) -> str:
+def bar(share: float) -> str:
     """``[#####...]``: a share of a limit; full from 1 on, empty for what is not known.
 
     Parameters
     ----------
     share : float
         Of the limit; nan for what is not known.
-    width : int
-        Characters between the brackets.
     """
-    filled = 0 if not math.isfinite(share) else min(width, max(0, round(share * width)))
-    return f"[{'#' * filled}{'.' * (width - filled)}]"
+    filled = 0 if not math.isfinite(share) else min(BAR, max(0, round(share * BAR)))
+    return f"[{'#' * filled}{'.' * (BAR - filled)}]"
 
 
 def command_lines(command: str, why: str = "") -> list[Line]:

@@ -9,8 +9,8 @@ import numpy as np
 
 from beltcomm.arrays import Array
 from beltcomm.control import Cascade
-from beltcomm.design.compensation import compensation
 from beltcomm.design.compliant import Leading, lead_motion, torque_along
+from beltcomm.design.feedforward import compensation
 from beltcomm.design.led_reference import LedReference, led_reference
 from beltcomm.model import Model
 from beltcomm.simulate.loop import SetpointGrid

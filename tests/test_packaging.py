@@ -1,4 +1,4 @@
-"""The wheel: complete, and working from another folder with a read-only site-packages."""
+"""The wheel: complete, and working from another folder with a read-only site-packages; python-can loaded without pandas."""
 
 from __future__ import annotations
 
@@ -168,3 +168,10 @@ def test_the_container_is_made_of_what_the_package_needs() -> None:
     settings = tomllib.loads((CHECKOUT / "pyproject.toml").read_text(encoding="utf-8"))
     forced = settings["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
     assert {*forced, settings["project"]["readme"], "beltcomm", "adapters", "LICENSE"} <= set(copied)
+
+
+@pytest.mark.parametrize("first", ["beltcomm_adapters.canopen", "beltcomm.virtual.bus"])
+def test_a_drive_is_reached_without_loading_pandas(first: str) -> None:
+    told = f"import sys, {first}; print('can' in sys.modules, 'pandas' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["True", "False"]

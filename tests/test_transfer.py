@@ -92,12 +92,6 @@ def test_characteristic_numbers_of_g_a() -> None:
     assert (1.0 + G_A.inertia_ratio) * 71.73e-6 == pytest.approx(0.002145, abs=5e-7)
 
 
-def test_dead_time_turns_the_phase_only() -> None:
-    plain, late = G_A.torque_to_angle(), G_A.torque_to_angle().delayed(0.4e-3).delayed(0.6e-3)
-    ratio = late.response(FREQ_HZ) / plain.response(FREQ_HZ)
-    np.testing.assert_allclose(ratio, np.exp(-2j * np.pi * FREQ_HZ * 1e-3), rtol=1e-9)
-
-
 def test_coefficients_stand_in_descending_powers() -> None:
     assert TransferFunction((2.0, 3.0), (1.0, 0.0)).response(1.0)[0] == pytest.approx(2.0 + 3.0 / (2j * np.pi))
 

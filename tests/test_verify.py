@@ -175,7 +175,7 @@ def own_loop(plant: TruthPlant, cascade: Cascade, trajectory: Trajectory, delay_
     return np.array(motor), np.array(cart), np.array(torque), belt
 
 
-def cascade_for(rig: str, model: Model, *, prefiltered: bool = True) -> Cascade:
+def cascade_for(rig: str, model: Model) -> Cascade:
     """Table A.6's Butterworth gains for G_A, for G_B a tenth, as its inertia; cutoff at -3 dB in the antiresonance of each."""
     share, cutoff = (1.0, 123.24) if rig == "g_a" else (0.1, 481.6)
     feedforward = Feedforward(

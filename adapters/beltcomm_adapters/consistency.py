@@ -6,6 +6,7 @@ import math
 from typing import Final
 
 from beltcomm.errors import DriveError
+from beltcomm_adapters.units import RPM
 
 #: Position's scale over speed's: outside these the factors are wrong.
 _LEAST, _MOST = 0.6, 1.6
@@ -19,7 +20,6 @@ _SLOW_RAD_S: Final = 2.0
 #: s: both are smoothed with this lag first, twice.  What a drive filters its speed with is not known; it matters near the sampling rate,
 #: where a belt may ring, and not for the motion below.
 _SMOOTH_S: Final = 0.008
-_RPM: Final = 2.0 * math.pi / 60.0
 #: A turn has more position units than this.
 _FEWEST_UNITS: Final = 100.0
 #: Position units of a turn that makers use, within this factor of what was measured.
@@ -139,7 +139,7 @@ class SpeedUnit:
         unit = abs(self._both) / self._square
         if unit > 0.0 and _LEAST < unit / self._position_rad < _MOST:
             return self._position_rad
-        usual = [_RPM * 10.0**-power for power in range(5)] + [self._position_rad * 10.0**-power for power in range(1, 3)]
+        usual = [RPM * 10.0**-power for power in range(5)] + [self._position_rad * 10.0**-power for power in range(1, 3)]
         nearest = min(usual, key=lambda one: abs(math.log(one / unit))) if unit > 0.0 else 0.0
         if unit <= 0.0 or abs(math.log(nearest / unit)) > math.log(_NEAR):
             per_turn = 60.0 * unit / self._position_rad
@@ -150,7 +150,7 @@ class SpeedUnit:
                 raise DriveError(
                     f"the drive does not tell what its speeds (606Ch) count in, and by what its position does one is {unit:.4g} rad/s, "
                     "which is no unit that this program knows: look in its manual, and state it in a profile, velocity_unit: "
-                    f'"{unit / _RPM:.3g} rpm" or what the manual says; then start again with --profile'
+                    f'"{unit / RPM:.3g} rpm" or what the manual says; then start again with --profile'
                 )
             raise DriveError(
                 "the drive tells neither its position unit nor that of its speeds (606Ch), and by what its position does one is "

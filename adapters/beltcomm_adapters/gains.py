@@ -16,7 +16,7 @@ from beltcomm.drive.parameters import LIMIT_NAMES
 from beltcomm.errors import BeltcommError, DriveError, ObjectRefused, Refused, UsageError
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
-from beltcomm_adapters.sdo import Lending, Objects
+from beltcomm_adapters.sdo import Lending, Objects, Place
 
 #: Mode of operation; 0, "no mode", is where a drive starts and cannot be gone back to.
 MODE: Final = (0x6060, 0, "int8")
@@ -51,7 +51,6 @@ LENT_TO_RECORDS: Final = (
 
 #: The gains whose meaning a step test finds, where the profile does not know it.
 MEASURED: Final = (GAIN, "ki_nm_rad", "kpp_1_s")
-Place = tuple[int, int, str]  # index, subindex, data type
 
 
 def _width(objects: Objects, index: int) -> int:

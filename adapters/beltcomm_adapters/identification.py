@@ -17,6 +17,7 @@ from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
 from beltcomm_adapters.sdo import Objects
 from beltcomm_adapters.setpoints import OFFSET_MODES
+from beltcomm_adapters.units import RPM
 
 HOMING_MODE = 6
 #: Velocity and torque offset.
@@ -27,7 +28,6 @@ _GRID_S = 1e-6
 LONGEST_LOOP_S = 1e-3
 #: rad/s: what motors do, where nobody tells more.
 FASTEST_RAD_S = 1e3
-_RPM = 2.0 * math.pi / 60.0
 #: s and periods: a host that is no real-time system falls silent for some ms without being dead, and speaks once a period at most.
 SHORTEST_GUARD_S, GUARD_PERIODS = 0.02, 5
 
@@ -228,7 +228,7 @@ def read_top_speed_rad_s(objects: Objects) -> float | None:
         When it is there and not told.
     """
     found = objects.bytes_if_there(0x6080)
-    return None if found is None else int.from_bytes(found, "little") * _RPM
+    return None if found is None else int.from_bytes(found, "little") * RPM
 
 
 def _stated(profile: Profile) -> StatedReading | None:

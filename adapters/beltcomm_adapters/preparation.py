@@ -21,6 +21,7 @@ from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
 from beltcomm_adapters.sdo import Lending, Objects, abort_text
 from beltcomm_adapters.setpoints import OFFSET_MODES, POSITION_MODES, TORQUE_MODES, Layout
+from beltcomm_adapters.units import RPM
 
 #: The drive's own speed limit stands this far above the host's: the host brakes, the drive switches off and lets the axis
 #: coast.
@@ -36,7 +37,6 @@ _BYTE: Final = 255
 _READ_BACK: Final = 0.02
 #: s from the speed limit to standstill: no drive is set to a longer quick stop.
 _LONGEST_STOP_S: Final = 10.0
-_RPM: Final = 2.0 * math.pi / 60.0
 #: Rounding of a float period, far below any timer's resolution.
 _SAME_S: Final = 1e-9
 
@@ -436,9 +436,9 @@ def tighten_torque_and_speed(objects: Objects, lending: Lending, profile: Profil
         _limit(objects, lending, 0x6072, 0, "uint16", torque, lambda raw: raw * scaling.torque_nm, "N m")
     if (stored := objects.bytes_if_there(0x6080)) is None:
         return
-    speed = math.ceil(_DRIVE_SPEED_SHARE * limits.speed_rad_s / _RPM)  # 6080h is in min⁻¹
+    speed = math.ceil(_DRIVE_SPEED_SHARE * limits.speed_rad_s / RPM)  # 6080h is in min⁻¹
     if speed < int.from_bytes(stored, "little"):
-        _limit(objects, lending, 0x6080, 0, "uint32" if len(stored) == 4 else "uint16", speed, lambda raw: raw * _RPM, "rad/s")
+        _limit(objects, lending, 0x6080, 0, "uint32" if len(stored) == 4 else "uint16", speed, lambda raw: raw * RPM, "rad/s")
 
 
 def tighten_window(

@@ -14,10 +14,8 @@ from beltcomm.drive import KnownMotor
 from beltcomm.errors import DriveError
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.sdo import Lending, Objects
-from beltcomm_adapters.units import RawUnit, UnitSizes, coded, named
+from beltcomm_adapters.units import RPM, TURN, RawUnit, UnitSizes, coded, named
 
-_TURN: Final = 2.0 * math.pi
-_RPM: Final = _TURN / 60.0
 #: Internal units of the Metronix family, per revolution, per min⁻¹ and per min⁻¹/s (F1 p80-87).
 _INTERNAL_POSITION, _INTERNAL_SPEED, _INTERNAL_ACCELERATION = 65536, 4096, 256
 #: N m in one unit of 6076h, what CiA 402 says first, then what makers do.  Not 0.1 mN m: a motor entered with ten times its torque reads
@@ -170,7 +168,7 @@ def read_scaling(objects: Objects, profile: Profile, lending: Lending | None, na
         return Scaling(position, speed, acceleration, unit_nm, internal, torque_nm, current_a, said=tuple(said), reading_nm=reading_nm)
     counts = _counts(objects, profile, plate, said)
     position, metres, position_told = _position(objects, profile, counts)
-    sizes = UnitSizes(position, _TURN / counts if counts else None, metres)
+    sizes = UnitSizes(position, TURN / counts if counts else None, metres)
     speed_unit, speed_told = _told(objects, 0x60A9, profile.velocity_unit, 1, RawUnit(1.0, "unit", 1), said)
     speed = sizes.si(speed_unit, "speed (60A9h)")
     same = RawUnit(speed_unit.value, speed_unit.of, 2)  # what most makers mean who tell nothing: the unit of speed, per second
@@ -187,7 +185,7 @@ def read_scaling(objects: Objects, profile: Profile, lending: Lending | None, na
     elif acceleration_told and profile.acceleration_unit is not None and not _tells_acceleration(objects):
         stop_unit = f"accelerations count in {profile.acceleration_unit} by acceleration_unit of the profile alone"
         said += _quick_stop(objects, profile.acceleration_unit, acceleration, acceleration_unit.ramp)
-    whole = counts or round(_TURN / abs(position))
+    whole = counts or round(TURN / abs(position))
     return Scaling(
         position, speed, acceleration, unit_nm, whole, torque_nm, current_a, acceleration_unit.ramp, tuple(said), speed_told,
         acceleration_told, position_told, reading_nm, stop_unit,
@@ -209,7 +207,7 @@ def _quick_stop(objects: Objects, unit: str, rad_s2: float, ramp: bool) -> list[
     stands = rad_s2 / own if ramp else own * rad_s2
     return [
         f"accelerations count in {unit} by the profile alone: the quick stop that stands in the drive, 6085h = {own}, is then "
-        f"{stands:.4g} rad/s² ({stands / _RPM:.0f} rpm/s); compare that with the maker's tool: every stop is planned "
+        f"{stands:.4g} rad/s² ({stands / RPM:.0f} rpm/s); compare that with the maker's tool: every stop is planned "
         "with it, and a slow one shows it only once a loop is closed that follows"
     ]
 
@@ -267,9 +265,9 @@ def _factor_group(objects: Objects, lending: Lending | None) -> tuple[float, flo
     if lending is not None:
         for subindex in (1, 2):
             lending.set(0x6094, subindex, "uint32", 1, keep=True)
-    position = _ratio(objects, 0x6093) * _TURN / _INTERNAL_POSITION
-    speed = _ratio(objects, 0x6094) * _RPM / _INTERNAL_SPEED
-    acceleration = _ratio(objects, 0x6097) * _RPM / _INTERNAL_ACCELERATION
+    position = _ratio(objects, 0x6093) * TURN / _INTERNAL_POSITION
+    speed = _ratio(objects, 0x6094) * RPM / _INTERNAL_SPEED
+    acceleration = _ratio(objects, 0x6097) * RPM / _INTERNAL_ACCELERATION
     return position, speed, acceleration, _INTERNAL_POSITION
 
 
@@ -287,19 +285,19 @@ def _counts(objects: Objects, profile: Profile, plate: KnownMotor, said: list[st
 
 def _position(objects: Objects, profile: Profile, counts: int | None) -> tuple[float, float | None, bool]:
     """One position unit in rad of the motor; one rad of the motor in m of the load, where the units are of length; whether it is told."""
-    gear = _ratio_or_one(objects, 0x6091)
+    gear = 1.0 if objects.read_if_there(0x6091, 1, "uint32") is None else _ratio(objects, 0x6091)
     code = objects.read_if_there(0x60A8, 0, "uint32")
     unit = coded(code) if code else None
     feed = None if objects.read_if_there(0x6092, 1, "uint32") is None else _ratio(objects, 0x6092)
     if feed == 1.0 and not (unit and unit.of == "rad"):  # as from the factory: no such unit is of any use
         feed = None
     if feed is not None:
-        position = _TURN * gear / feed
+        position = TURN * gear / feed
         return position, unit.value / position if unit and unit.of == "m" and unit.per == 0 else None, True
     if unit is not None and unit.of == "rad" and unit.per == 0:
         return unit.value * gear, None, True
     if profile.position_unit is not None:
-        return UnitSizes(None, _TURN / counts if counts else None).si(named(profile.position_unit, 0), "position"), None, True
+        return UnitSizes(None, TURN / counts if counts else None).si(named(profile.position_unit, 0), "position"), None, True
     if counts is None:
         raise DriveError(
             "the drive tells neither its encoder (608Fh) nor its feed (6092h), or its factor group stands at 1/1 as from the factory, so "
@@ -307,7 +305,7 @@ def _position(objects: Objects, profile: Profile, counts: int | None) -> tuple[f
             "group (608Fh, 6091h, 6092h) with the maker's tool"
         )
     encoder = objects.read_if_there(0x608F, 1, "uint32")
-    return _TURN * gear / counts, None, encoder is not None and encoder > 1
+    return TURN * gear / counts, None, encoder is not None and encoder > 1
 
 
 def _told(objects: Objects, index: int, by_profile: str | None, per: int, otherwise: RawUnit, said: list[str]) -> tuple[RawUnit, bool]:

@@ -289,13 +289,13 @@ class Objects(ABC):
         """
         return _if_there(lambda: self.read_int(index, subindex, kind))
 
-    def bytes_if_there(self, index: int, subindex: int = 0) -> bytes | None:
+    def bytes_if_there(self, index: int) -> bytes | None:
         """Raw content of an object, None where the drive has none.
 
         Parameters
         ----------
-        index, subindex : int
-            Place in the dictionary.
+        index : int
+            Place in the dictionary; subindex 0.
 
         Raises
         ------
@@ -304,7 +304,7 @@ class Objects(ABC):
         BusError
             When the drive does not answer.
         """
-        return _if_there(lambda: self.read_bytes(index, subindex))
+        return _if_there(lambda: self.read_bytes(index))
 
     def read_text(self, index: int, subindex: int = 0) -> str:
         """Content of a VISIBLE_STRING object.

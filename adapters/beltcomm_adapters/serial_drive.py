@@ -20,10 +20,10 @@ from beltcomm_adapters.serial_line import BITRATES, BITS_PER_CHARACTER, Port, Se
 from beltcomm_adapters.serial_objects import SerialObjects
 from beltcomm_adapters.serial_run import PROFILE_POSITION, PolledRun, measure_pace, prepare
 from beltcomm_adapters.serial_strokes import check_limits, strokes_of
+from beltcomm_adapters.watch import STOP_TIME_S
 
 #: Characters of a cycle of torque control: write of 6071h with its echo, reads of 6064h and 6077h.
 _CYCLE_CHARACTERS: Final = 2 * 13 + 8 + 17 + 8 + 13
-_STOP_TIME_S: Final = 3.0  # beyond the ramp of the quick stop
 _UNTOLD: Final = ("device_name", "hardware", "firmware")
 _POSITION_GAIN: Final = "kpp_1_s"
 _NUMBERS: Final = ("vendor_id", "product_code")
@@ -147,7 +147,7 @@ class SerialDrive(ObjectDrive):
             with deferred_interrupt():
                 if limits.release:
                     self._serial.write(0x6040, 0, "uint16", DISABLE_VOLTAGE)
-                self._machine.disable(_STOP_TIME_S + ramp_s)
+                self._machine.disable(STOP_TIME_S + ramp_s)
         except BusError as failure:
             words = f"{failure}; {_left_alone(limits, run.end_rad)}"
             if error is None:

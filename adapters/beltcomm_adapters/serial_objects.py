@@ -13,14 +13,12 @@ from typing import Final
 
 from beltcomm.drive.objects import TYPES, name_of
 from beltcomm.errors import BusError, DriveError
-from beltcomm_adapters.sdo import SAVE, SAVE_PLACE, Objects, Place, refusal
+from beltcomm_adapters.sdo import SAVE, SAVE_PLACE, SAVE_TIME_S, Objects, Place, refusal
 from beltcomm_adapters.serial_line import ANSWER_TIME_S, BITRATES, QUIET_TIME_S, Abort, Line, ObjectAnswer, SerialLine, Text
 
 #: Characters of ``?XXXXSU`` with its end, of the head of an answer ``=XXXXSU:`` with the answer's end, and of the longest answer.
 _REQUEST, _HEAD, _LONGEST = 8, 9, 17
 _ATTEMPTS: Final = 2
-#: A save takes seconds.
-SAVE_TIME_S: Final = 15.0
 RESET_TIME_S: Final = 10.0
 #: s: what both ends are given for a change of bit rate.
 _SWITCH_TIME_S: Final = 0.05

@@ -15,28 +15,28 @@ from beltcomm.errors import DriveError
 
 #: What a unit is a number of: rad of the motor, m of the load, position units of the drive, increments of the encoder.
 Of = Literal["rad", "m", "unit", "count"]
-_TURN: Final = 2.0 * math.pi
-_RPM: Final = _TURN / 60.0
+TURN: Final = 2.0 * math.pi
+RPM: Final = TURN / 60.0
 
 #: Notation indices: numerators, with the seconds that are in them already; and denominators in s, with the power of time.
 _NUMERATORS: Final[dict[int, tuple[float, Of, int]]] = {
     0x00: (1.0, "unit", 0),
     0x01: (1.0, "m", 0),
     0x10: (1.0, "rad", 0),
-    0x41: (_TURN / 360.0, "rad", 0),
-    0x42: (_TURN / 21600.0, "rad", 0),
-    0x43: (_TURN / 1296000.0, "rad", 0),
-    0xA4: (_RPM, "rad", 1),  # of CiA 402 before version 3, where a speed has a dimension of its own
-    0xB4: (_TURN, "rad", 0),
+    0x41: (TURN / 360.0, "rad", 0),
+    0x42: (TURN / 21600.0, "rad", 0),
+    0x43: (TURN / 1296000.0, "rad", 0),
+    0xA4: (RPM, "rad", 1),  # of CiA 402 before version 3, where a speed has a dimension of its own
+    0xB4: (TURN, "rad", 0),
     0xB5: (1.0, "unit", 0),
-    0xC0: (_RPM, "rad", 1),
+    0xC0: (RPM, "rad", 1),
 }
 _DENOMINATORS: Final = {0x00: (1.0, 0), 0x03: (1.0, 1), 0x47: (60.0, 1), 0x48: (3600.0, 1), 0x57: (1.0, 2)}
 _NAMES: Final[dict[str, tuple[float, Of, int]]] = {
     "rad": (1.0, "rad", 0),
-    "deg": (_TURN / 360.0, "rad", 0),
-    "rev": (_TURN, "rad", 0),
-    "rpm": (_RPM, "rad", 1),
+    "deg": (TURN / 360.0, "rad", 0),
+    "rev": (TURN, "rad", 0),
+    "rpm": (RPM, "rad", 1),
     "m": (1.0, "m", 0),
     "mm": (1e-3, "m", 0),
     "um": (1e-6, "m", 0),
@@ -103,7 +103,7 @@ def named(text: str, per: int) -> RawUnit:
     if ramp := _RAMP.match(text):
         if per != 2:
             raise ValueError(f"{text!r} is an acceleration")
-        return RawUnit(float(ramp["speed"]) * _RPM / _TIMES[ramp["time"]][0], "rad", 2, ramp=True)
+        return RawUnit(float(ramp["speed"]) * RPM / _TIMES[ramp["time"]][0], "rad", 2, ramp=True)
     found = _NAMED.match(text)
     if found is None or found["what"] not in _NAMES:
         raise ValueError(f"{text!r} is no unit; write a number and one of {', '.join(_NAMES)} over {', '.join(_TIMES)}, such as 0.1 rpm")

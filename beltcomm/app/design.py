@@ -13,6 +13,7 @@ from typing import Any, get_args
 import numpy as np
 
 from beltcomm.app.view import stamp_of
+from beltcomm.arrays import decibels
 from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.knobs import OutOfReach
@@ -35,9 +36,8 @@ from beltcomm.runfolder import RunFolder
 from beltcomm.sending import Sending
 from beltcomm.talk import Silence
 from beltcomm.trajectory import Trajectory, plan_trajectory, with_dwell
-from beltcomm.tuning.bench import Bench, CascadeView, TrackingPrediction
+from beltcomm.tuning.bench import DISTURBANCE_NM, Bench, CascadeView, OpenLoops, Responses, TrackingPrediction
 from beltcomm.tuning.changes import TuningChange, changes, error_changes, sentence
-from beltcomm.tuning.curves import DISTURBANCE_NM, OpenLoops, Responses
 from beltcomm.tuning.ground import MOST_PAYLOAD_KG, RANGES, DesignInput, SliderSetting, setting_from
 from beltcomm.tuning.presets import KINDS, PACES, preset
 from beltcomm.verify import REST_S, Loop
@@ -226,7 +226,7 @@ class TunedDesign:
             return None
         found: dict[str, Any] = {"record": near.name, "place_m": condition_of(near, ratio).place_m, "freq_hz": _digits(loop.freq_hz)}
         for name, values in (("velocity", loop.velocity), ("position", loop.position)):
-            found[f"{name}_db"] = _digits(20.0 * np.log10(np.abs(values)))
+            found[f"{name}_db"] = _digits(decibels(values))
             found[f"{name}_deg"] = _digits(np.degrees(np.angle(-values)) - 180.0)
         return found
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from beltcomm import isolation
 from beltcomm.app.view import ResidualView, shown, stamp_of
 from beltcomm.app.worker import work
-from beltcomm.arrays import Array, BoolArray
+from beltcomm.arrays import Array, BoolArray, decibels
 from beltcomm.axis.terms import Terms
 from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.errors import UsageError
@@ -117,7 +117,8 @@ class LaboratoryTab:
             "version": self._version,
             "effects": [{"name": name, "title": effect_named(name).title, "removable": name in view.removable} for name in view.effects],
             "parameters": _in_own_units(view.parameters, terms),
-            **{name: getattr(view, name) for name in ("ratio", "missing", "doubt", "held_out", "plain", "records")},
+            **{name: getattr(view, name) for name in ("ratio", "missing", "held_out", "plain", "records")},
+            "state": dict(zip(("word", "sentence", "style"), view.state, strict=True)),
             "explained": EXPLAINED,
             "evidence": EVIDENCE,
             "places": list(view.places),
@@ -231,7 +232,7 @@ class LaboratoryTab:
             else {
                 "freq_hz": shown(pair.freq_hz),
                 "of": "position, dB re 1 m/N" if view.units.force == "N" else f"angle, dB re 1 rad/({view.units.force})",
-                "db": [shown(20.0 * np.log10(np.abs(one))) for one in (pair.measured, pair.model)],
+                "db": [shown(decibels(one)) for one in (pair.measured, pair.model)],
                 "deg": [shown(below(one)) for one in (pair.measured, pair.model)],
                 "noise_db": None if pair.radius is None else shown(20.0 * np.log10(np.maximum(pair.radius, 1e-12))),
             },

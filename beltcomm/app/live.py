@@ -12,6 +12,7 @@ import numpy as np
 
 from beltcomm import journal
 from beltcomm.app.view import shown
+from beltcomm.arrays import decibels
 from beltcomm.axis import Axis
 from beltcomm.drive import COLUMNS
 from beltcomm.errors import BeltcommError
@@ -160,7 +161,7 @@ class LiveTab:
 
 
 def _decibels(response: FrequencyResponse) -> dict[str, Any]:
-    return {"freq_hz": shown(response.freq_hz), "db": shown(20.0 * np.log10(np.abs(response.h)))}
+    return {"freq_hz": shown(response.freq_hz), "db": shown(decibels(response.h))}
 
 
 def _gauges(axis: Axis, drive: Mapping[str, Any], head: Sequence[str], rows: Sequence[Sequence[float]]) -> tuple[Gauge, ...]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from beltcomm.app.view import base_effects, shown
+from beltcomm.arrays import decibels
 from beltcomm.axis import load_axis
 from beltcomm.errors import BeltcommError, UsageError
 from beltcomm.pages.gather import results_of
@@ -98,7 +99,7 @@ def _curves(folder: RunFolder) -> dict[str, Any]:
     move = next((folder.recording(name) for name in reversed(moved) if name in files), None)
     curves: dict[str, Any] = {"response": None, "move": None}
     for name, response in found.items():
-        curves["response"] = {"record": name, "freq_hz": shown(response.freq_hz), "db": shown(20.0 * np.log10(np.abs(response.h)))}
+        curves["response"] = {"record": name, "freq_hz": shown(response.freq_hz), "db": shown(decibels(response.h))}
     if move is not None and move.reference_position is not None and folder.has_axis:
         step = max(len(move.t_s) // DRAWN, 1)
         error_mm = 1e3 * folder.axis.transmission_m_rad * (move.reference_position - move.position)

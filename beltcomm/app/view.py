@@ -24,6 +24,7 @@ from beltcomm.rundata.fitted_run import Opened, explainable
 from beltcomm.rundata.revisions import CURRENT, current_model
 from beltcomm.runfolder import RunFolder
 from beltcomm.sentences.diagnosis_data import values_of
+from beltcomm.sentences.laboratory import comparison_state
 
 #: Dimensions of a place that are coordinates of the page, with their sign.
 CHOSEN = ("frequency", "position", "time")
@@ -39,8 +40,8 @@ class ResidualView:
         Of the files that it was made of.
     missing : Missing
         As of the comparison.
-    doubt : str
-        Why that is not told by these records, "" where it is.
+    state : tuple of str
+        That in words, as ``compare`` has it: word, sentence and style.
     records : Sequence[Mapping[str, Any]]
         As ``compare --json`` has them.
     places : Sequence[Mapping[str, Any]]
@@ -64,7 +65,7 @@ class ResidualView:
     ratio: float
     held_out: float | None
     missing: Missing
-    doubt: str
+    state: tuple[str, str, str]
     plain: Mapping[str, Any] | None
     records: Sequence[Mapping[str, Any]]
     places: Sequence[Mapping[str, Any]]
@@ -114,7 +115,7 @@ def view_of(here: Opened, stamp: str) -> ResidualView:
         found.ratio,
         found.held_out,
         found.missing,
-        reservation(found, here.fitted, here.records.recordings),
+        comparison_state(found, reservation(found, here.fitted, here.records.recordings)),
         plain(found.plain),
         [plain(one) for one in found.records],
         [

@@ -123,10 +123,13 @@ def _remove(run: Path, given: Mapping[str, Any], pipe: Connection) -> None:
 def _evidence(run: Path, given: Mapping[str, Any], pipe: Connection) -> None:
     """The whole search, as ``diagnose --next`` does it: evidence, records held out, runner-up, what would tell them apart."""
     from beltcomm.jobs.laboratory import diagnose_run
+    from beltcomm.sentences.laboratory import verdict_state
 
     talk = TellingTalk(_teller(pipe), "refitting the best effects with everything free")
     result = diagnose_run(run, cost=False, following=True, command="beltcomm open", when=given["when"], talk=talk)
-    pipe.send(("done", {"job": "evidence", **dict(result.to_json()), "lines": [str(line) for line in result.text]}))
+    word, sentence, _ = verdict_state(result.data["verdict"], result.data["named"])
+    said = {"state": {"word": word, "sentence": sentence}, "lines": [str(line) for line in result.text]}
+    pipe.send(("done", {"job": "evidence", **dict(result.to_json()), **said}))
 
 
 JOBS: Mapping[str, Callable[[Path, Mapping[str, Any], Connection], None]] = {

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any, TextIO
 
-from beltcomm.cli.pace import Pace, load_at, machine_left, millimetres
+from beltcomm.cli.display import Pace, load_at, machine_left, millimetres
 from beltcomm.cli.terminal import console_of, draw, draws, echo, fitted
 from beltcomm.errors import UsageError
 from beltcomm.language import tr

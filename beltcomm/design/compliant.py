@@ -20,7 +20,7 @@ import numpy as np
 
 from beltcomm.arrays import Array
 from beltcomm.control import Feedforward, feedforward_torque
-from beltcomm.design.compensation import demand_of_effects, through_path
+from beltcomm.design.feedforward import demand_of_effects, through_path
 from beltcomm.effects.tilt import GRAVITY_M_S2
 from beltcomm.errors import UsageError
 from beltcomm.model import Model

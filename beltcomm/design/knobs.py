@@ -22,12 +22,11 @@ import numpy as np
 
 from beltcomm.arrays import Array, BoolArray, ComplexArray
 from beltcomm.control import Cascade, CascadeStructure, Feedforward, Prefilter, PrefilterKind
-from beltcomm.design.allowed import AllowedGains, allowed_gains
 from beltcomm.design.cascade import DesignResult, binding_conditions, meets, on_step, quantised_pi, with_reserve
 from beltcomm.design.design_plant import DesignPlant
 from beltcomm.design.loops import LoopShape, SampledPlants, loop_shape, open_velocity_loop, position_path
 from beltcomm.design.margins import margins_on, resonance_or_peak
-from beltcomm.design.search import highest_position_gain, integral_time_bounds, unit_loop
+from beltcomm.design.search import AllowedGains, allowed_gains, highest_position_gain, integral_time_bounds, unit_loop
 from beltcomm.design.specification import Specification
 from beltcomm.design.thesis import ThesisDesign, thesis_design, thesis_margins
 from beltcomm.errors import Refused

@@ -21,6 +21,7 @@ from beltcomm.arrays import Array
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.compliant import REST_M_S, lead_motion, with_rest_before
 from beltcomm.errors import Refused
+from beltcomm.identify.led_gains import filtered_speed
 from beltcomm.model import Model
 from beltcomm.simulate.stopping import total_friction
 from beltcomm.trajectory import Trajectory
@@ -116,10 +117,7 @@ def led_reference(
     over = int(np.searchsorted(loops + ahead_s, motor.t_s[last]))
     friction = HELD_SHARE * total_friction(model)
     error = _speed_error(asked, over, cascade, loop_s, friction)
-    speed, before = np.empty(len(angle)), 0.0
-    lag = cascade.velocity_filter_s
-    for k, step in enumerate(np.diff(angle, prepend=angle[0])):
-        speed[k] = before = (lag * before + step) / (lag + loop_s)
+    speed = filtered_speed(angle, loop_s, cascade.velocity_filter_s)
     lead = np.interp(motor.t_s, loops, ratio * (speed + error) / cascade.kpp_1_s)
     return LedReference(motor, led.carriage, lead, torque)
 

@@ -1,6 +1,6 @@
 """Torque signals that make an axis show its frequency response.   One file per kind; all torques at the motor shaft."""
 
-from beltcomm.excitation.binary import MAXIMAL_TAPS, SHORT_ORDER, PrbsChoice, choose_prbs, gprbs, prbs, prbs_band, prbs_bits
+from beltcomm.excitation.binary import MAXIMAL_TAPS, SHORT_ORDER, PrbsChoice, choose_prbs, gprbs, prbs, prbs_bits
 from beltcomm.excitation.choice import AS_CHOSEN, AskedExcitation, Choice, choose
 from beltcomm.excitation.record import Excitation, visible_band
 from beltcomm.excitation.sines import chirp, multisine
@@ -19,7 +19,6 @@ __all__ = [
     "gprbs",
     "multisine",
     "prbs",
-    "prbs_band",
     "prbs_bits",
     "visible_band",
 ]

@@ -33,7 +33,7 @@ from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.rundata import analyse
 from beltcomm.rundata.findings import Findings
-from beltcomm.schedule.strokes import fastest_stroke_m_s, sweep_strokes
+from beltcomm.schedule.orders import fastest_stroke_m_s, sweep_strokes
 from beltcomm.simulate.stopping import total_friction, total_viscous
 from beltcomm.trajectory import Strokes
 

@@ -13,7 +13,7 @@ from beltcomm.drive import Capabilities
 from beltcomm.errors import Refused
 from beltcomm.identify.sweeps import RUN_IN_KEY
 from beltcomm.machine.machine import Machine, stroking
-from beltcomm.schedule.strokes import PLATEAU_ROWS, SWEEP_LONGEST_S, SWEEP_RUN_IN_S
+from beltcomm.schedule.orders import PLATEAU_ROWS, SWEEP_LONGEST_S, SWEEP_RUN_IN_S
 
 #: Time constants after which the speed is that of the reference to 2 %.
 CONSTANTS = 4.0

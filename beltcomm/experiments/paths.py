@@ -8,8 +8,8 @@ import numpy as np
 
 from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.errors import Refused
+from beltcomm.schedule.orders import Which, fastest_stroke_m_s, sweep_strokes
 from beltcomm.schedule.steps import Step
-from beltcomm.schedule.strokes import Which, fastest_stroke_m_s, sweep_strokes
 from beltcomm.trajectory import Trajectory, at_rest, constant_speed_strokes, join, plan_trajectory
 
 #: m: half the way of slow strokes around their place; s: run-in, rest and longest plateau of them.

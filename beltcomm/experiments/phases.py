@@ -32,8 +32,8 @@ from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar
 from beltcomm.rundata import analyse
 from beltcomm.rundata.first_motions import Breakaway
+from beltcomm.schedule.orders import SWEEP_LONGEST_S, SWEEP_SHORTEST_S, fastest_stroke_m_s, sweep_strokes
 from beltcomm.schedule.sequences import HARDLY, calmer_choice, excitation_travel_m, held_choice
-from beltcomm.schedule.strokes import SWEEP_LONGEST_S, SWEEP_SHORTEST_S, fastest_stroke_m_s, sweep_strokes
 from beltcomm.simulate.stopping import total_friction
 from beltcomm.trajectory import Strokes, Trajectory, plan_trajectory, with_dwell
 

@@ -38,10 +38,10 @@ from beltcomm.model import Model
 from beltcomm.quantities import three_digits
 from beltcomm.result import Row, plain, table
 from beltcomm.schedule import record_schedule
+from beltcomm.schedule.orders import fastest_stroke_m_s
 from beltcomm.schedule.record_schedule import Extent
 from beltcomm.schedule.sequences import excitation_travel_m, short_seconds
 from beltcomm.schedule.steps import Step
-from beltcomm.schedule.strokes import fastest_stroke_m_s
 from beltcomm.simulate.stopping import Braking, total_friction
 from beltcomm.trajectory import Trajectory, plan_trajectory
 from beltcomm.verify import demand

@@ -16,8 +16,8 @@ from beltcomm.recording import Recording
 from beltcomm.rundata.delays import delay
 from beltcomm.rundata.findings import Findings
 from beltcomm.schedule import record_schedule
+from beltcomm.schedule.orders import SWEEP_LONGEST_S
 from beltcomm.schedule.record_schedule import Extent
-from beltcomm.schedule.strokes import SWEEP_LONGEST_S
 
 #: s of machine time kept for the move that verifies, with the way to its start.
 VERIFYING_S = 4.0

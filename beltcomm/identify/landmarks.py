@@ -201,8 +201,8 @@ def find_landmarks(response: FrequencyResponse, expected: Pair, beside: Sequence
     middle = math.sqrt(freq[0] * freq[-1])
 
     def flexible(x: Array) -> ComplexArray:
-        (f_z, f_r), (d_z, d_r) = np.exp(x[:2]), x[2:4]
-        return np.asarray((f_z**2 - freq**2 + 2j * d_z * f_z * freq) / (f_r**2 - freq**2 + 2j * d_r * f_r * freq))
+        f_z, f_r = np.exp(x[:2])
+        return Pair(f_z, f_r, (x[2], x[3])).response(freq)
 
     def residual(x: Array) -> Array:
         left = h / (flexible(x) * np.exp(x[4] + 1j * x[5]) * (freq / middle) ** x[6])

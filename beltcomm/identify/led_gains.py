@@ -103,9 +103,7 @@ def gain_factors(
     position = CubicSpline(at, recording.position)(loops) if loop_s < period else np.interp(loops, at, recording.position)
     off = np.interp(loops, every, asked_rad) - position
     off = np.sign(off) * np.maximum(np.abs(off) - structure.dead_zone_rad, 0.0)
-    speed, before = np.empty(len(off)), 0.0
-    for k, step in enumerate(np.diff(position, prepend=position[0])):
-        speed[k] = before = (filter_s * before + step) / (filter_s + loop_s)
+    speed = filtered_speed(position, loop_s, filter_s)
     reset_s = cascade.kp_nm_s_rad / cascade.ki_nm_rad
     terms = [one + loop_s * (np.cumsum(one) - one) / reset_s for one in (off, speed)]
     # a row tells the torque in the last run of the loop before the next
@@ -130,3 +128,23 @@ def gain_factors(
     )
     known = max(found.kp_interval, found.kpp_interval) < KNOWN_TO
     return found if known and max(abs(found.kp - 1.0), abs(found.kpp - 1.0)) < BELIEVED + unsure else None
+
+
+def filtered_speed(position: Array, loop_s: float, filter_s: float) -> Array:
+    """Speed as a drive measures it from its position (6.1): the difference of each run of the loop behind a first-order lag, from rest.
+
+    Parameters
+    ----------
+    position : ndarray (n,), rad
+        In every run of the loop.
+    loop_s, filter_s : float, s
+        Period of the loop, time constant of the lag.
+
+    Returns
+    -------
+    ndarray (n,), rad/s
+    """
+    speed, before = np.empty(len(position)), 0.0
+    for k, step in enumerate(np.diff(position, prepend=position[0])):
+        speed[k] = before = (filter_s * before + step) / (filter_s + loop_s)
+    return speed

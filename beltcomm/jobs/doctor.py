@@ -71,7 +71,7 @@ def _ratings(seen: dict[str, float], axis: Axis) -> Iterator[Finding]:
             "torque per current",
             "6076h / 6075h",
             "torque_constant_nm_a",
-            _ratio(seen, "rated_torque_nm", "rated_current_a"),
+            seen["rated_torque_nm"] / seen["rated_current_a"] if seen.get("rated_torque_nm") and seen.get("rated_current_a") else None,
             constant,
             "N m/A",
         ),
@@ -95,10 +95,6 @@ def _limits(seen: dict[str, float], axis: Axis) -> Iterator[Finding]:
             if rating.wrong:
                 text, _, remedy = rating.words().partition("; ")
                 yield Finding(AREA, rating.what, "wrong", text, remedy)
-
-
-def _ratio(seen: dict[str, float], over: str, under: str) -> float | None:
-    return seen[over] / seen[under] if seen.get(over) and seen.get(under) else None
 
 
 def _encoder(seen: dict[str, float], axis: Axis) -> Iterator[Finding]:

@@ -11,9 +11,8 @@ from beltcomm.experiments.options import Options
 from beltcomm.fit.model_fit import ModelFit
 from beltcomm.fit.torque.acting_torque import acting_recordings
 from beltcomm.given import Place, pasted, place
-from beltcomm.identify.magnitude_fit import Solver
+from beltcomm.identify.magnitude_fit import Solver, ThreeMassMagnitude, fit_magnitudes
 from beltcomm.identify.three_mass import ThreeMass, compare_masses, resonances_hz, sheet_mass_kg
-from beltcomm.identify.three_mass_magnitude import ThreeMassMagnitude, fit_magnitudes
 from beltcomm.language import tr
 from beltcomm.model import Model
 from beltcomm.result import Line, Result, plain, table

@@ -28,8 +28,7 @@ from beltcomm.result import Line, Result, plain
 from beltcomm.rundata import friction_study
 from beltcomm.runfolder import RunFolder, next_free
 from beltcomm.schedule import orders
-from beltcomm.schedule.orders import Stroke, Wanted
-from beltcomm.schedule.strokes import DEFAULT
+from beltcomm.schedule.orders import DEFAULT, Stroke, Wanted
 from beltcomm.sentences import friction, screens, words
 from beltcomm.trajectory import Trajectory
 

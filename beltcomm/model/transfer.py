@@ -21,18 +21,16 @@ from beltcomm.model.linear import Standstill, matrices
 
 @dataclass(frozen=True)
 class TransferFunction:
-    """G(s) = num(s)/den(s) e^{-s delay}.
+    """G(s) = num(s)/den(s).
 
     Attributes
     ----------
     num, den : tuple of float
         Coefficients in descending powers of s.
-    delay_s : float, s
     """
 
     num: tuple[float, ...]
     den: tuple[float, ...]
-    delay_s: float = 0.0
 
     def response(self, freq_hz: ArrayLike) -> ComplexArray:
         """G(j2πf).
@@ -47,23 +45,8 @@ class TransferFunction:
         ndarray (m,) of complex
         """
         s = 2j * np.pi * np.atleast_1d(np.asarray(freq_hz, dtype=float))
-        result: ComplexArray = np.polyval(self.num, s) / np.polyval(self.den, s) * np.exp(-s * self.delay_s)
+        result: ComplexArray = np.polyval(self.num, s) / np.polyval(self.den, s)
         return result
-
-    def delayed(self, delay_s: float) -> TransferFunction:
-        """Transfer function behind a dead time.
-
-        Parameters
-        ----------
-        delay_s : float, s
-            Added to that which it has.
-
-        Returns
-        -------
-        TransferFunction
-            Numerator and denominator as they were.
-        """
-        return replace(self, delay_s=self.delay_s + delay_s)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from beltcomm.errors import BeltcommError, DataError
 from beltcomm.given import pasted
 from beltcomm.identify.smooth_response import SmoothResponse, smooth_response
 from beltcomm.pages.gather import Gathered
-from beltcomm.report import bode, friction, responses
+from beltcomm.report import friction, responses
 from beltcomm.report.page import PageTable, Paragraphs, Picture, Section, picture_of
 from beltcomm.report.style import Caption
 from beltcomm.residuals.responses import response_pairs
@@ -38,7 +38,7 @@ def frequency(run: Gathered) -> Section:
     if run.comparison is not None:
         pairs = response_pairs(run.recordings, run.comparison.judged)
         if pairs:
-            parts.append(picture_of(bode.bode_figure(pairs, run.landmarks, caption)))
+            parts.append(picture_of(responses.bode_figure(pairs, run.landmarks, caption)))
     if table.rows:
         shown = [(f"{row.condition.record}, {row.condition.words()}", row.response, row.landmarks) for row in table.rows]
         told, smooth = [f"by {d.cause}: {d.text}" for d in table.differences], [_smooth(run, row) for row in table.rows]

@@ -13,8 +13,8 @@ from beltcomm.pages.gather import Gathered
 from beltcomm.pages.quantities import Quantity, quantities_of
 from beltcomm.report import friction, responses
 from beltcomm.report.page import PageTable, Paragraphs, Picture, Section, picture_of
+from beltcomm.report.proof import tracking_figure
 from beltcomm.report.style import Caption
-from beltcomm.report.tracking import tracking_figure
 from beltcomm.report.trend import Bar, changes_figure
 from beltcomm.rundata.friction_study import study_of
 from beltcomm.rundata.revisions import current_revision

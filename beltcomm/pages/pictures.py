@@ -59,13 +59,13 @@ def comparison_pictures(folder: RunFolder, data: Data, fitted: Fitted, found: Co
 
 def _comparison_figures(folder: RunFolder, data: Data, fitted: Fitted, found: Comparison, command: str) -> dict[str, Figure]:
     """Figures of a comparison, by name."""
-    from beltcomm.report import bode
+    from beltcomm.report import responses
 
     figures = error_figures(folder, data, fitted, found, command)
     pairs = response_pairs(data.recordings, found.judged)
     if pairs:
         named = landmarks(fitted.model, folder.axis.travel.middle_m)
-        figures["compare_response"] = bode.bode_figure(pairs, named, _compared(folder, found, command))
+        figures["compare_response"] = responses.bode_figure(pairs, named, _compared(folder, found, command))
     return figures
 
 

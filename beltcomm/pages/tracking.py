@@ -13,8 +13,8 @@ from beltcomm.pages.gather import Gathered
 from beltcomm.quantities import in_mm
 from beltcomm.recording import Recording
 from beltcomm.report.page import PageTable, Paragraphs, Picture, Section, picture_of
+from beltcomm.report.proof import TrackedMove, tracking_figure
 from beltcomm.report.style import Caption
-from beltcomm.report.tracking import TrackedMove, tracking_figure
 from beltcomm.rundata.offline import counts_of
 from beltcomm.rundata.store import cascade_from_dict, structure_from_dict
 from beltcomm.trajectory import Trajectory

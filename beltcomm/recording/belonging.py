@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
 
 from beltcomm.arrays import Array, BoolArray, rms
-from beltcomm.recording.checks import running_mean, usual_step
+from beltcomm.recording.checks import triangle_mean, usual_step
 from beltcomm.recording.sampling import finest
 
 #: Explained share of the torque from which it belongs beyond doubt, and below which it does not: of the real records at hand 30 to 100 %
@@ -180,9 +180,9 @@ def _laws(position: Array) -> list[_Law]:
         every = max(1, width // 2)
         before, middle, after = position[: -2 * width], position[width:-width], position[2 * width :]
         acceleration, speed = (after - 2.0 * middle + before)[::every], (after - before)[::every]
-        direction = _triangle(np.sign(np.gradient(position)), width)[::every][: len(speed)]
+        direction = triangle_mean(np.sign(np.gradient(position)), width)[::every][: len(speed)]
         later, earlier = np.roll(acceleration, -1), np.roll(acceleration, 1)
-        place = [middle[::every], *(_triangle(part, width)[::every][: len(speed)] for part in rotary)]
+        place = [middle[::every], *(triangle_mean(part, width)[::every][: len(speed)] for part in rotary)]
         columns = np.column_stack([np.ones(len(speed)), acceleration, speed, direction, earlier, later, *place])
         scale = np.maximum(np.abs(columns).max(axis=0), 1e-300)
         bins = np.floor((middle[::every] - position.min()) / max(float(np.ptp(position)), 1e-300) * (_BINS - 1e-9)).astype(np.intp)
@@ -197,17 +197,13 @@ def _laws(position: Array) -> list[_Law]:
     return found
 
 
-def _triangle(signal: Array, width: int) -> Array:
-    return running_mean(running_mean(signal, width), width)[1:-1]
-
-
 def _best(laws: list[_Law], torque: Array) -> float:
     return max(_explained(law, torque) for law in laws)
 
 
 def _explained(law: _Law, torque: Array) -> float:
     """Share of the torque's means that is explained, in parts that others made the numbers for."""
-    force = _triangle(torque, law.width)[:: max(1, law.width // 2)][: len(law.columns)]
+    force = triangle_mean(torque, law.width)[:: max(1, law.width // 2)][: len(law.columns)]
     if len(force) < len(law.columns):
         force = np.append(force, np.full(len(law.columns) - len(force), force[-1]))
     left, there = np.zeros(3), 0.0

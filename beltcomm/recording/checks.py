@@ -359,13 +359,13 @@ def rigid_inertia(t_s: Array, torque: Array, position: Array, *, weight: bool = 
     torque, position = np.interp(even, t_s, torque), np.interp(even, t_s, position)
     span, every = width * float(even[1] - even[0]), max(1, width // 4)
     before, middle, after = position[: -2 * width], position[width:-width], position[2 * width :]
-    force = running_mean(running_mean(torque, width), width)[1:-1][::every]
-    direction = running_mean(running_mean(np.sign(np.gradient(position)), width), width)[1:-1][::every]
+    force = triangle_mean(torque, width)[::every]
+    direction = triangle_mean(np.sign(np.gradient(position)), width)[::every]
     rows = min(len(force), len(direction))
     acceleration, speed = ((after - 2.0 * middle + before)[::every] / span**2)[:rows], ((after - before)[::every] / (2.0 * span))[:rows]
     columns = np.column_stack([acceleration, speed, direction[:rows], np.ones(rows)])
     if weight:
-        turned = [running_mean(running_mean(part, width), width)[1:-1][::every][:rows] for part in (np.sin(position), np.cos(position))]
+        turned = [triangle_mean(part, width)[::every][:rows] for part in (np.sin(position), np.cos(position))]
         columns = np.column_stack([columns, *turned])
     if spring:
         columns = np.column_stack([columns, (middle[::every] - position[0])[:rows]])
@@ -382,7 +382,7 @@ def rigid_inertia(t_s: Array, torque: Array, position: Array, *, weight: bool = 
 def _shares(torque: Array, position: Array, width: int) -> tuple[float, float]:
     """Shares of the torque that acceleration and friction explain, each of what the rest leaves; negative for a negative factor."""
     # the second difference over the width is the acceleration's mean under a triangle of that width; torque gets the same
-    force = running_mean(running_mean(torque, width), width)[1:-1]
+    force = triangle_mean(torque, width)
     if force.var() < SLOW_SHARE * torque.var():
         return 0.0, 0.0
     before, middle, after = position[: -2 * width], position[width:-width], position[2 * width :]
@@ -421,6 +421,24 @@ def running_mean(signal: Array, width: int) -> Array:
     """
     total = np.concatenate(([0.0], np.cumsum(signal)))
     return (total[width:] - total[:-width]) / width
+
+
+def triangle_mean(signal: Array, width: int) -> Array:
+    """Mean under a triangle, as a second difference over ``width`` sees an acceleration.
+
+    Parameters
+    ----------
+    signal : ndarray, (n,)
+        In any unit.
+    width : int
+        Half of the triangle's base, 1 to n / 2.
+
+    Returns
+    -------
+    ndarray, (n - 2 width,)
+        In that unit.
+    """
+    return running_mean(running_mean(signal, width), width)[1:-1]
 
 
 def _in_runs_of_one(signal: Array) -> BoolArray:

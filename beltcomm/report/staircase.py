@@ -33,7 +33,6 @@ class Stair:
     ratio: float
     held_out: float | None
     confirmed: bool | None
-    when: str = ""
 
 
 @dataclass(frozen=True)

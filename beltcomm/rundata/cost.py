@@ -14,7 +14,7 @@ from beltcomm.axis import Axis
 from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import CascadeStructure
 from beltcomm.design.cascade import DesignResult
-from beltcomm.design.compensation import compensated_effects, compensation
+from beltcomm.design.feedforward import compensated_effects, compensation
 from beltcomm.design.margins import margins
 from beltcomm.errors import BeltcommError, Refused
 from beltcomm.model import Model

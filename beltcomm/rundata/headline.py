@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
 from beltcomm.axis.entries import NO_TARGETS, AxisTargets, entries_of
+from beltcomm.configfiles import digest_of
 from beltcomm.control import Cascade
 from beltcomm.drive.parameters import cascade_to_parameters
 from beltcomm.errors import BeltcommError
@@ -17,7 +16,7 @@ from beltcomm.given import Reached, pasted
 from beltcomm.language import tr
 from beltcomm.model import Model
 from beltcomm.quantities import mm
-from beltcomm.rundata.proof import same_gains, suspect
+from beltcomm.rundata.proof import SUSPECT, same_gains, suspect
 from beltcomm.rundata.revisions import current_revision, trusted_model, unfitted
 from beltcomm.runfolder import RunFolder
 
@@ -36,7 +35,6 @@ OF = "verified"
 NOTED = "noted"
 #: Where it says that the move was driven with gains that a person has set in the drive.
 OWN = "own_loop"
-UNEXPLAINED = "the model does not explain what was measured"
 #: Error over the noise up to which a record, or a model that was not compared with its records, is told as explained: by size alone.
 EXPLAINED = 1.1
 #: What each state of a headline means.
@@ -167,7 +165,7 @@ def headline_of(folder: RunFolder) -> Headline:
     if not moves:
         doubt = suspect(folder, designed=False)
         parts = [tr("{name}: no move has been driven with a design of this run yet", name=name)]
-        parts += [tr(UNEXPLAINED)] if doubt else []
+        parts += [tr(SUSPECT)] if doubt else []
         parts += [tr("its model is of before {names}", names=", ".join(names))] if (names := _since(folder)) else []
         parts += [tr("the design is of an earlier model")] if _outdated(design, model) else []
         return Headline("doubt" if doubt else "open", "; ".join(parts), targets=asked)
@@ -184,7 +182,7 @@ def headline_of(folder: RunFolder) -> Headline:
     name = tr("{name}, with the gains that stand in the drive,", name=name) if told.get(OWN) else name
     if missed or not told.get("passed"):
         text = tr("{name} misses its target: {missed}", name=name, missed="; ".join(missed) or _within(errors))
-        return Headline("fail", f"{text}; {tr(UNEXPLAINED)}" if suspect(folder) else text, last, errors, targets)
+        return Headline("fail", f"{text}; {tr(SUSPECT)}" if suspect(folder) else text, last, errors, targets)
     if suspect(folder):
         text = tr("the model does not explain what was measured, though {name} was within {within}", name=name, within=_within(errors))
         return Headline("doubt", text, last, errors, targets)
@@ -369,4 +367,4 @@ def _missed(errors: Mapping[str, Mapping[str, Any]], targets: AxisTargets) -> li
 
 
 def _hash(value: Any) -> str:
-    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:12]
+    return digest_of(value)[:12]

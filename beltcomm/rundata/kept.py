@@ -15,6 +15,7 @@ from beltcomm import caches
 from beltcomm.arrays import Array
 from beltcomm.axis import Axis
 from beltcomm.caches import source_hash
+from beltcomm.configfiles import digest_of
 from beltcomm.errors import BeltcommError, DataError
 from beltcomm.fit.estimate import Fitted, evaluate_at, problem_of
 from beltcomm.fit.likelihood.problem import Problem
@@ -43,7 +44,7 @@ def _key_of(records: Mapping[str, str], axis: Axis) -> str:
     records : dict of str to str
         Name -> SHA-256, sidecars too.
     """
-    return _hash([dict(sorted(records.items())), axis.fingerprint(), source_hash()])
+    return digest_of([dict(sorted(records.items())), axis.fingerprint(), source_hash()])
 
 
 def _key_of_model(start: Model | None) -> str:
@@ -59,11 +60,7 @@ def _key_of_model(start: Model | None) -> str:
     str
         A hash.
     """
-    return _hash(start.to_dict() if start is not None else None)
-
-
-def _hash(value: Any) -> str:
-    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
+    return digest_of(start.to_dict() if start is not None else None)
 
 
 def _store_fit(data: Data, fitted: Fitted) -> dict[str, Any] | None:

@@ -14,8 +14,8 @@ from beltcomm.identify.standstill import Standstill
 from beltcomm.identify.sweeps import FEWEST_SPEEDS, Drift, LoadDependence, Sweep, clear
 from beltcomm.model.value import Value
 from beltcomm.result import table
-from beltcomm.schedule.strokes import DEFAULT
-from beltcomm.sentences.words import number
+from beltcomm.schedule.orders import DEFAULT
+from beltcomm.sentences.words import number, thousandths
 
 if TYPE_CHECKING:  # the report uses this module too, and drives no stroke
     from beltcomm.schedule.orders import Stroke
@@ -104,18 +104,13 @@ def _table(sweeps: Sequence[Sweep]) -> list[str]:
         assert s.fit is not None
         clock = "not known" if s.from_s is None or s.to_s is None else f"{s.from_s / 60.0:.2f} to {s.to_s / 60.0:.2f}"
         driven = len({round(abs(p.reference_rad_s), 6) for p in s.plateaus})
-        both = [_pair(s.fit.coulomb, 1e3), _pair(s.fit.viscous, 1e3)]
+        both = [thousandths(s.fit.coulomb, ""), thousandths(s.fit.viscous, "")]
         rows.append([name, f"{driven}", clock, *both, f"{1e3 * s.fit.rms_nm:.2f}", _slow(s)])
     columns = ["order", ">speeds", ">minutes", ">Coulomb, mN m", ">viscous, mN m s/rad", ">left, mN m", "below 10 mm/s"]
     return [
         "Sweeps one by one (95 % intervals; time on the session's clock; speeds below 10 mm/s are shown and not fitted):",
         *table(columns, rows, "  "),
     ]
-
-
-def _pair(value: Value, factor: float) -> str:
-    """Value and interval without the unit, which stands in the head."""
-    return number(factor * value.value, None if value.interval is None else factor * value.interval, "").rstrip()
 
 
 def _slow(sweep: Sweep) -> str:
@@ -260,7 +255,7 @@ def load_lines(found: LoadDependence, by: str, common_rad_s: float) -> list[str]
     lines = [
         f"Friction against load ({by}; 95 % intervals; speeds up to {common_rad_s:.3g} rad/s at the motor, which all have):",
     ]
-    rows = [[g.name, f"{g.load_kg:.2f} kg", f"{g.sweeps}", _pair(g.coulomb, 1e3), _pair(g.viscous, 1e3)] for g in found.groups]
+    rows = [[g.name, f"{g.load_kg:.2f} kg", f"{g.sweeps}", thousandths(g.coulomb, ""), thousandths(g.viscous, "")] for g in found.groups]
     lines += table(["", ">load", ">sweeps", ">Coulomb, mN m", ">viscous, mN m s/rad"], rows, "  ")
     for value, words, unit in ((found.coulomb, "Coulomb", "mN m per kg"), (found.viscous, "viscous", "mN m s/rad per kg")):
         lines.append(

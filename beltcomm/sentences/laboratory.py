@@ -31,6 +31,22 @@ STATES = {
 }
 
 
+def comparison_state(comparison: Comparison, doubt: str = "") -> tuple[str, str, str]:
+    """State of a model that was compared with its records, on every screen and page: its word, a sentence, the style of both.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        Of the model.
+    doubt : str
+        Why the error says nothing; "" where it does.
+    """
+    if doubt:
+        return tr("NOT JUDGED"), doubt, "note"
+    word, sentence, style = model_state(comparison.decisive_ratio, missing=comparison.missing)
+    return word, tr("the model {does}", does=sentence), style
+
+
 def comparison_screen(comparison: Comparison, places: Sequence[str], notes: Sequence[str], doubt: str = "") -> list[str]:
     """``beltcomm compare`` but for the command to type next.
 
@@ -45,16 +61,13 @@ def comparison_screen(comparison: Comparison, places: Sequence[str], notes: Sequ
     doubt : str
         Why the error says nothing.
     """
-    word, sentence, style = model_state(comparison.decisive_ratio, missing=comparison.missing)
-    if doubt:
-        word, sentence, style = tr("NOT JUDGED"), doubt, "note"
     titles, rows = record_table(comparison)
     short = [0, 1, 2, len(titles) - 1] if len(titles) > 3 else range(len(titles))
     ranked = sorted(range(len(rows)), key=lambda number: -comparison.records[number].ratio)
     worst = sorted(ranked[:RECORDS])
     left = len(rows) - len(worst)
     lines: list[str] = [
-        *state_lines(word, tr("the model {does}", does=sentence) if not doubt else sentence, style),
+        *state_lines(*comparison_state(comparison, doubt)),
         _labelled(tr("error"), error_words((comparison.ratio, comparison.held_out), (comparison.plain, comparison.plain_held_out))),
         *table([titles[n] for n in short], [[rows[number][n] for n in short] for number in worst], "   "),
         *(["   " + tr("{count} more below these: --details", count=left)] if left else []),
@@ -100,11 +113,10 @@ def diagnosis_screen(
     cost : dict of str to Any or None
         Tracking errors without and with what was found.
     """
-    word, style = STATES[found.verdict]
     named = found.added_effects
     first, last = found.published_base[1], found.final_fit
     lines: list[str] = [
-        *state_lines(tr(word), _said(found), style),
+        *state_lines(*verdict_state(found.verdict, named)),
         _labelled(tr("error"), error_words((first.ratio, first.held_out_ratio), before)),
     ]
     lines += [_labelled(tr("with it"), error_words((last.ratio, last.held_out_ratio), after))] if named else []
@@ -124,14 +136,24 @@ def diagnosis_screen(
     return [*lines, *(Line("   ", (f"! {text}", "note")) for text in caveats), *warning_lines(notes)]
 
 
-def _said(found: Diagnosis) -> str:
-    """Sentence of a verdict."""
-    if found.added_effects:
-        return "; ".join(f"{name}: {told(effect_named(name).title)}" for name in found.added_effects)
-    return {
+def verdict_state(verdict: str, added: Sequence[str]) -> tuple[str, str, str]:
+    """Answer of a diagnosis, on every screen and page: the word of its state, a sentence, the style of both.
+
+    Parameters
+    ----------
+    verdict : str
+        Of a diagnosis.
+    added : sequence of str
+        Effects that it names.
+    """
+    word, style = STATES[verdict]
+    if added:
+        return tr(word), "; ".join(f"{name}: {told(effect_named(name).title)}" for name in added), style
+    sentence = {
         "nothing missing": tr("the model explains what was measured"),
         NONE_EXPLAINS: tr("none of the known effects explains this"),
-    }.get(found.verdict, tr("these records cannot tell what the model lacks"))
+    }.get(verdict, tr("these records cannot tell what the model lacks"))
+    return tr(word), sentence, style
 
 
 def error_words(ratios: tuple[float, float | None], plain: Plain) -> str:

@@ -14,6 +14,7 @@ from beltcomm.fit.noise.level import error_floor_words
 from beltcomm.identify.friction import FrictionFit
 from beltcomm.identify.magnitude_fit import MagnitudeFit
 from beltcomm.model import Model
+from beltcomm.model.value import Value
 from beltcomm.quantities import in_mm, mm, read_in
 from beltcomm.rundata.analyse import Characteristic, Nonlinearity
 from beltcomm.verify import Demand, Verdict
@@ -64,6 +65,18 @@ def number(value: float, interval: float | None, unit: str) -> str:
         return f"{value:.0f} {unit}" if 1e4 <= abs(value) < 1e7 else f"{value:.4g} {unit}"
     digits = max(0, 1 - math.floor(math.log10(interval)))
     return f"{value:.{digits}f} ± {interval:.{digits}f} {unit}"
+
+
+def thousandths(value: Value, unit: str) -> str:
+    """A value in thousandths of its unit with its interval, see :func:`number`.
+
+    Parameters
+    ----------
+    value : Value
+    unit : str
+        A thousandth of its own, as it is printed; "" where the head of a table says it.
+    """
+    return number(1e3 * value.value, None if value.interval is None else 1e3 * value.interval, unit).rstrip()
 
 
 def model_lines(fit: ModelFit, characteristics: Mapping[str, Characteristic], error: float | None = None) -> list[str]:
@@ -139,8 +152,8 @@ def friction_lines(friction: FrictionFit) -> list[str]:
     """
     lines = [
         "Friction from the sweep (motor and carriage together, at the motor):",
-        f"  Coulomb  {number(1e3 * friction.coulomb.value, _half(friction.coulomb.interval, 1e3), 'mN m')}",
-        f"  viscous  {number(1e3 * friction.viscous.value, _half(friction.viscous.interval, 1e3), 'mN m s/rad')}",
+        f"  Coulomb  {thousandths(friction.coulomb, 'mN m')}",
+        f"  viscous  {thousandths(friction.viscous, 'mN m s/rad')}",
     ]
     for words, pair in (("forward", friction.forward), ("backward", friction.backward)):
         if pair is not None:
@@ -150,10 +163,6 @@ def friction_lines(friction: FrictionFit) -> list[str]:
         scatter = f"{1e3 * friction.repeat_scatter_nm:.2g} mN m rms beyond" if friction.repeat_scatter_nm > 0.0 else "no more than"
         lines.append(f"  strokes repeated at the same speed differ by {scatter} their noise")
     return lines + [f"  {remark}" for remark in friction.remarks]
-
-
-def _half(interval: float | None, factor: float) -> float | None:
-    return None if interval is None else interval * factor
 
 
 def design_lines(design: DesignResult, cascade: Cascade) -> list[str]:

@@ -112,15 +112,6 @@ class Intersample:
 
     above: Array
 
-    def part(self, rows: slice) -> Intersample:
-        """Some of the samples, as an own value.
-
-        Parameters
-        ----------
-        rows : slice
-        """
-        return Intersample(self.above[rows])
-
     def cells(self, torque: Array, per_sample: int) -> Array:
         """Mean over each of so many cells of a period.
 

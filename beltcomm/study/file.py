@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -13,9 +11,9 @@ from typing import Any
 from beltcomm.axis import Axis, load_axis
 from beltcomm.axis.entries import NO_TARGETS
 from beltcomm.axis.terms import PLAIN, Terms, terms_of
-from beltcomm.configfiles import did_you_mean, find_config, read_yaml
+from beltcomm.configfiles import did_you_mean, digest_of, find_config, read_yaml
 from beltcomm.control import Cascade
-from beltcomm.design.compensation import compensation
+from beltcomm.design.feedforward import compensation
 from beltcomm.drive.parameters import cascade_to_parameters, parameters_to_cascade
 from beltcomm.errors import DataError, UsageError
 from beltcomm.model import PlantFile, load_plant
@@ -27,9 +25,8 @@ from beltcomm.rundata.cost import offline_move
 from beltcomm.rundata.proof import move_of
 from beltcomm.rundata.store import saved_design
 from beltcomm.runfolder import RunFolder
-from beltcomm.study.members import Commissioned, Doing, Fleet, MemberTracking, Work
+from beltcomm.study.members import Commissioned, Doing, Fleet, MemberTracking, SharedInput, Targets, Work
 from beltcomm.study.population import Population, Values, nominal_of, population_from, units_of
-from beltcomm.study.tracking import SharedInput, Targets
 from beltcomm.trajectory import load_move, with_dwell
 from beltcomm.verify import REST_S, Loop
 
@@ -300,7 +297,7 @@ def _run_fingerprint(run: Path) -> str:
 
 
 def _digest(value: Any) -> str:
-    return hashlib.sha256(json.dumps(jsonable(value), sort_keys=True).encode()).hexdigest()[:16]
+    return digest_of(jsonable(value))[:16]
 
 
 def _known(given: Any, known: tuple[str, ...], where: str) -> None:

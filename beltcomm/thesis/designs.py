@@ -20,6 +20,7 @@ from beltcomm.design.margins import margins
 from beltcomm.design.prefilters import butterworth_cutoff_rad_s, notch_width
 from beltcomm.design.specification import PRODUCT_SPECIFICATION, Specification
 from beltcomm.design.thesis import ThesisDesign, ThesisMargins, thesis_design, thesis_margins, velocity_loop
+from beltcomm.drive.parameters import PREFILTER_KINDS
 from beltcomm.errors import Refused
 
 #: i_t, m/rad, and what it becomes when 78 mm of feed per revolution are taken at their word.
@@ -27,7 +28,6 @@ RATIO, FEED_RATIO = 0.01242, 0.078 / (2.0 * math.pi)
 #: Dead time of the torque path and T_R, s; T of the product's loops, s.
 DEAD_TIME_S, VELOCITY_FILTER_S, PERIOD_S = 1e-3, 2e-3, 1e-3
 STRUCTURE = CascadeStructure("thesis", PERIOD_S, ("none", "notch", "butterworth"), True, True, True)
-KINDS: tuple[PrefilterKind, ...] = ("none", "notch", "butterworth")
 #: T_R that the product's own request may choose from here; of its six the rigs take one of these.
 LAGS_S = (0.002, 0.004)
 #: Of the simulation parameters, table A.11: the identified plants state none.
@@ -189,7 +189,7 @@ def compare() -> Designs:
     plants = thesis_plants()
     g_a = plants[0]
     published = _published_gains(g_a)
-    solved = tuple(_solve(plant, kind) for plant in plants for kind in KINDS)
+    solved = tuple(_solve(plant, kind) for plant in plants for kind in PREFILTER_KINDS)
     solutions = {row.prefilter: row.design for row in solved if row.plant == g_a.name and row.design is not None}
     underrated = {plant.name: _underrated_db(plant) for plant in plants}
     return Designs(
@@ -199,7 +199,11 @@ def compare() -> Designs:
         solved,
         tuple(_achieved_rows(g_a, published)),
         tuple(_chosen_rows(plants, solved, underrated)),
-        tuple(Turned(kind, knob, designs_along_knob(g_a, kind, knob, values)) for knob, values in TURNS.items() for kind in KINDS[1:]),
+        tuple(
+            Turned(kind, knob, designs_along_knob(g_a, kind, knob, values))
+            for knob, values in TURNS.items()
+            for kind in PREFILTER_KINDS[1:]
+        ),
         {name: knobs_of(g_a, cascade).knobs for name, cascade in published.items()},
         underrated,
     )
@@ -363,7 +367,7 @@ def _knob_lines(study: Designs) -> list[str]:
     head = f"{'K_P':>8} {'K_I':>7} {'K_PP':>7} {'w_c':>6}"
     text = [f"The three knobs on G_A, each alone:   {'notch':^31}   {'Butterworth':^31}", f"  {'':22}               {head}   {head}"]
     for knob, words in names.items():
-        notch, butterworth = (next(t for t in study.turned if (t.prefilter, t.knob) == (kind, knob)) for kind in KINDS[1:])
+        notch, butterworth = (next(t for t in study.turned if (t.prefilter, t.knob) == (kind, knob)) for kind in PREFILTER_KINDS[1:])
         for one, other in zip(notch.turns, butterworth.turns, strict=True):
             text.append(f"  {words:22} {one.value:13.0f} {_turn(one)}   {_turn(other)}")
     text += [

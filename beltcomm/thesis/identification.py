@@ -287,7 +287,7 @@ def _friction(two: TwoMass) -> float:
 
 def _open_loop(rig: LoopRig, signal: Excitation) -> Record:
     """The axis at rest under an excitation alone."""
-    return _record_run(rig, signal.torque, lambda n, _angle: float(signal.torque[n]), signal, moving=False, seed=SEED)
+    return _record_run(rig, signal.torque, lambda n, _angle: float(signal.torque[n]), signal, moving=False)
 
 
 def _without_reversal(rig: LoopRig, signal: Excitation, inject: Inject, cascade: Cascade) -> Record:
@@ -313,12 +313,10 @@ def _closed_loop(rig: LoopRig, signal: Excitation, inject: Inject, share: float,
         added = (float(excitation[n]), 0.0) if inject == "torque" else (0.0, float(excitation[n]))
         return float(velocity_step(coefficients, state, speed + added[1], 0.0, angle, added[0]))
 
-    return _record_run(rig, excitation, control, signal, moving=True, seed=SEED)
+    return _record_run(rig, excitation, control, signal, moving=True)
 
 
-def _record_run(
-    rig: LoopRig, excitation: Array, control: Callable[[int, float], float], signal: Excitation, *, moving: bool, seed: int
-) -> Record:
+def _record_run(rig: LoopRig, excitation: Array, control: Callable[[int, float], float], signal: Excitation, *, moving: bool) -> Record:
     """Record of a run as a drive shows it: counted angle, acting torque with noise; a setpoint acts one period after it was worked out."""
     at_m, speed_m_s = (rig.from_m, rig.speed_m_s) if moving else (rig.stands_m, 0.0)
     plant = SimulatedPlant(rig.model, at_m, speed_m_s=speed_m_s)
@@ -334,7 +332,7 @@ def _record_run(
         torque[k] = waiting.pop(0)
         plant.step(float(torque[k]), PERIOD_S)
         turned = turned or plant.velocity_rad_s <= 0.0
-    noise = NOISE_NM * np.random.default_rng(seed).normal(size=n)
+    noise = NOISE_NM * np.random.default_rng(SEED).normal(size=n)
     return Record(torque + noise, setpoint, position, excitation, signal, turned)
 
 

@@ -41,6 +41,8 @@ RIGID: dict[str, tuple[str, ...]] = {"motor.inertia": ("motor.inertia",), "mass"
 ITERATIONS = 6
 #: Share of its value that the interval of one move may have, from which on it tells nothing of a quantity.
 VAGUE = 1.0
+#: Suspects that are named.
+SUSPECTS = 3
 #: Values of the residual without which the quantities are not told: as many moves are taken together as make them, some at most, for behind
 #: a coarse encoder few of a move are independent.   Values without which a motion is no move.
 ENOUGH, MOST_TOGETHER, FEWEST_VALUES = 120, 20, 8
@@ -254,14 +256,12 @@ class Judge:
         known = self.width_m is not None and all(move.sidecar.start_position_m is not None for move in together)
         return friction_at_places(fitted, self.width_m) if known and self.width_m is not None else {}
 
-    def suspects(self, moves: Sequence[Recording], most: int = 3) -> list[tuple[str, str, float]]:
+    def suspects(self, moves: Sequence[Recording]) -> list[tuple[str, str, float]]:
         """Effects by which the error of these moves would fall most, by the score test: name, title, evidence.
 
         Parameters
         ----------
         moves : sequence of Recording
-        most : int
-            Effects that are named.
         """
         fitted = self._fitted_to(moves)
         scorer, ground = Scorer(fitted), ground_of(fitted, fitted.problem.pieces, self.axis)
@@ -272,7 +272,7 @@ class Judge:
             ways = scorer.score(effect, ground)
             if ways and (evidence := ways[0].drop - bic_penalty(effect, fitted, len(ways))) > 0.0:
                 found.append((effect.name, effect.title, float(evidence)))
-        return sorted(found, key=lambda one: -one[2])[:most]
+        return sorted(found, key=lambda one: -one[2])[:SUSPECTS]
 
     def start_of(self, position: float) -> float | None:
         """Carriage position at a position of the drive, as in the run; None where the run does not tell or that is off the travel.

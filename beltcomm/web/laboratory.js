@@ -64,7 +64,7 @@ export function laboratory(ask) {
     const told = await ask("laboratory-candidates");
     candidates = told.candidates;
     const some = told.candidates.filter((one) => one.share > 0.01 && helps(one)).slice(0, 6);
-    $("explain-title").textContent = told.searched && !some.length && !found.missing ? "Nothing is missing above the noise" : "What could explain what is left?";
+    $("explain-title").textContent = "What could explain what is left?";
     drawCandidates(some, told.searched ? "" : WEIGHING);
   }
 
@@ -94,11 +94,13 @@ export function laboratory(ask) {
 
   const unitOf = (along) => ({ time: "s", position: found.units.length, speed: `${found.units.length}/s`, angle: "rad", torque: found.units.force, frequency: "Hz" })[along];
 
+  const sentence = (text) => `${text[0].toUpperCase()}${text.slice(1).replace(/\.$/, "")}.`;
+
   function drawModel() {
     $("ratio").textContent = `${found.ratio.toFixed(2)} × the noise`;
-    $("ratio").className = `big ${!found.missing ? "good" : found.doubt ? "" : "bad"}`;
+    $("ratio").className = `big ${found.state.style}`;
     const plain = found.plain ? ` That is ${number(found.units.factor * found.plain.error)} ${found.units.small}, ${number(found.plain.percent)} % of the torque.` : "";
-    $("ratio-words").textContent = `${!found.missing ? "Fitted to all records, the model explains what was measured." : found.doubt || (found.missing === "held out" ? "Fitted to all records, the model does not explain those held out." : found.ratio <= found.explained ? "Fitted to all records, what the model leaves is not random." : "Fitted to all records, the model still lacks something.")} At 1.00 nothing but noise is left.${plain}` +
+    $("ratio-words").textContent = `${sentence(found.state.sentence)} At 1.00 nothing but noise is left.${plain}` +
       (found.held_out === null ? "" : ` Records held out: ${found.held_out.toFixed(2)}.`) + (found.change ? ` ${found.change.change}: ${found.before ? found.before.ratio.toFixed(2) : ""} → ${found.ratio.toFixed(2)}.` : "");
     $("effects").replaceChildren(...found.effects.map((one) => {
       const chip = element("span", { title: one.title }, one.name.replaceAll("_", " "));
@@ -304,12 +306,12 @@ export function laboratory(ask) {
     const [best, second] = evidence.ranking, refitted = evidence.ranking.filter((one) => one.refitted);
     const ahead = best && second && second.refitted ? `${number(best.evidence - second.evidence)} nats more evidence than ${second.effect.replaceAll("_", " ")}` : "nothing else came near";
     const [command, why] = String(evidence.lines.at(-1)).replace("Next: ", "").split(/ {3}\((.*)\)\.?$/);
-    $("evidence").replaceChildren(element("h3", {}, `Verdict: ${evidence.verdict}`),
+    $("evidence").replaceChildren(element("h3", {}, sentence(`${evidence.state.word}: ${evidence.state.sentence}`)),
       ...(!refitted.length ? [] : [element("div", { className: "scroll" }, element("table", {}, element("thead", {}, element("tr", {}, ...["effect", "evidence, nats", "explains", "records held out", "against it"].map((t) => element("th", {}, t)))),
         element("tbody", {}, ...refitted.map((one) => element("tr", {}, element("td", {}, one.effect), element("td", { className: "number" }, number(one.evidence)), element("td", { className: "number" }, `${Math.round(100 * one.explained)} %`),
           element("td", { className: "number" }, one.held_out_gain === null ? "none here" : `${one.held_out_gain > 0 ? "better by" : "worse by"} ${number(Math.abs(one.held_out_gain))}`), element("td", {}, one.accepted ? "nothing" : one.against))))))]),
       ...(refitted.length ? [element("p", { className: "small" }, `Evidence: log-likelihood that it gains, less what as many free parameters would gain by chance; above ${found.evidence} nats it counts.`)] : []),
-      element("p", {}, best && refitted.length ? `${best.effect.replaceAll("_", " ")}: ${ahead}.` : !found.missing ? "Nothing stands above the noise that a known effect would explain." : "Nothing known explains it.", evidence.twins.length ? ` No record here tells ${evidence.twins.join(" and ")} apart.` : ""),
+      element("p", {}, best && refitted.length ? `${best.effect.replaceAll("_", " ")}: ${ahead}.` : "", evidence.twins.length ? ` No record here tells ${evidence.twins.join(" and ")} apart.` : ""),
       ...evidence.by_hand.map((one) => element("p", { className: "small" }, `By hand, ${one.cause || ""}: ${one.change}; then ${one.record}: ${one.tells}`)),
       element("p", { className: "small" }, why ? `Next (${why}), in a terminal:` : "Next, in a terminal:"), element("pre", {}, command),
       element("details", {}, element("summary", {}, "All that `beltcomm diagnose --next` says"), element("pre", {}, evidence.lines.join("\n"))));

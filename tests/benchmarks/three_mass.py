@@ -20,8 +20,8 @@ import numpy as np
 
 from beltcomm.axis import load_axis
 from beltcomm.excitation import prbs
+from beltcomm.identify.magnitude_fit import fit_magnitudes
 from beltcomm.identify.three_mass import MASS, compare_masses, resonances_hz
-from beltcomm.identify.three_mass_magnitude import fit_magnitudes
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import ExcitationNote, Sidecar
 from beltcomm.rundata import analyse

@@ -12,13 +12,11 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-import beltcomm
 from beltcomm import api
 from beltcomm.axis import load_axis
 from beltcomm.experiments.options import Options
 from beltcomm.recording import Recording
 
-HOME = Path(beltcomm.__file__).parent
 #: Values of an argument that are looked at: a recording, or the first of a row of them.
 ROW = (list, tuple)
 

@@ -30,8 +30,6 @@ FRICTION_N = 0.125 / 0.01242
 ALIVE_PERIODS, BESIDE_S, DEAD_S = 5, 0.003, 0.055
 #: N: largest force of any setpoint, 1.24 N m at the pulley of axis.yaml.
 FORCE_N = 1.24 / 0.01242
-#: What the machine may do until it stands, s, beside its ramp: how long it swings on its belt.
-SWING_S = 0.5
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ import pytest
 
 from beltcomm.axis.entries import TrajectoryLimits
 from beltcomm.control import Cascade, CascadeStructure, Prefilter
-from beltcomm.design.compensation import compensated_effects, compensation
 from beltcomm.design.design_plant import DesignPlant
+from beltcomm.design.feedforward import compensated_effects, compensation
 from beltcomm.design.structure import _in_loop, late_s, loop_model
 from beltcomm.model import Model, load_plant
 from beltcomm.model.linear import operating_point, state_space

@@ -21,6 +21,7 @@ from beltcomm.errors import UsageError
 from beltcomm.fit.model_fit import ModelFit
 from beltcomm.identify import three_mass as module
 from beltcomm.identify.final import FinalModel
+from beltcomm.identify.magnitude_fit import fit_magnitudes
 from beltcomm.identify.three_mass import (
     MASS,
     ThreeMass,
@@ -30,7 +31,6 @@ from beltcomm.identify.three_mass import (
     resonances_hz,
     sheet_mass_kg,
 )
-from beltcomm.identify.three_mass_magnitude import fit_magnitudes
 from beltcomm.model import load_model
 from beltcomm.recording import Recording
 from beltcomm.response import FrequencyResponse

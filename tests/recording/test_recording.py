@@ -1,4 +1,4 @@
-"""Recordings: exact round trips, signals that cannot be used, records that contradict the axis, uneven time."""
+"""Recordings: exact round trips, signals that cannot be used, records that contradict the axis, uneven time, torques that were cut off."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ import pytest
 from beltcomm.axis import load_axis
 from beltcomm.errors import DataError
 from beltcomm.recording import ExcitationNote, Recording, RecordingWriter, Sidecar, load_recording, save_recording
+from beltcomm.recording.checks import clipped_share
 from recording.samples import PERIOD_S, csv_text, recording, signals, write
 
 RIG = load_axis("egc-70-600")
@@ -222,3 +223,37 @@ def test_lost_samples_and_jitter_are_noted() -> None:
 
 def test_dead_channels_are_noted() -> None:
     assert recording(temperature_c=np.full(2000, 21.0)).notes == ("temperature_c never changes",)
+
+
+#: Finer than a third of the noise's median deviation: where steps are coarser, values at rest repeat as well, and the check says nothing.
+STEPS_NM = (0.3e-3, 0.6e-3)
+
+
+def reading(seed: int, step_nm: float) -> tuple[np.ndarray, np.ndarray]:
+    """A setpoint of slow waves and what is read of it, N m: noise of 6 mN m, rounded."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(3000) * 1e-3
+    setpoint = 0.4 * np.sin(2.0 * np.pi * rng.uniform(0.5, 5.0) * t + rng.uniform(0.0, 6.0))
+    return setpoint, step_nm * np.round((setpoint + rng.normal(0.0, 6e-3, len(t))) / step_nm)
+
+
+@pytest.mark.parametrize("step_nm", STEPS_NM)
+def test_largest_values_that_repeat_by_chance(step_nm: float) -> None:
+    found = [clipped_share(read, setpoint, None) for setpoint, read in (reading(seed, step_nm) for seed in range(300))]
+    assert found == [0.0] * 300
+
+
+def test_three_equal_peaks_under_noise_are_chance() -> None:
+    setpoint, read = reading(7, STEPS_NM[1])
+    at = int(np.argmin(setpoint))
+    read[at - 1 : at + 2] = read.min()
+    assert clipped_share(read, setpoint, None) == 0.0
+
+
+@pytest.mark.parametrize("step_nm", STEPS_NM)
+def test_a_setpoint_that_was_cut_off_with_it_is_still_seen(step_nm: float) -> None:
+    for seed in range(20):
+        setpoint, read = reading(seed, step_nm)
+        limit = step_nm * round(0.38 / step_nm)
+        cut = np.clip(read, -limit, limit)
+        assert clipped_share(cut, np.clip(setpoint, -limit, limit), None) > 0.02

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from beltcomm.report import style
-from beltcomm.report.curves import MOST, curves_of
-from beltcomm.report.page import Page, Paragraphs, Section, picture_of, render
+from beltcomm.report.page import MOST, Page, Paragraphs, Section, curves_of, picture_of, render
 from session.browser import ARGUMENTS, BROWSER, DRIVER, MISSING
 
 CAPTION = style.Caption("beltcomm compare RUN", "RUN/recordings, 3 records")

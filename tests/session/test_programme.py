@@ -27,10 +27,10 @@ from beltcomm.fit.start.first_estimate import data_sheet_model
 from beltcomm.recording import Recording
 from beltcomm.rundata import analyse
 from beltcomm.schedule import record_schedule
+from beltcomm.schedule.orders import sweep_strokes
 from beltcomm.schedule.record_schedule import BUDGET_S, BY_EXTENT, STANDARD, THOROUGH, Extent, Item, fitting_records, named_steps
 from beltcomm.schedule.sequences import calmer_choice
 from beltcomm.schedule.steps import Step
-from beltcomm.schedule.strokes import sweep_strokes
 from beltcomm.simulate.forward import simulate_torque
 from session.conftest import Complete
 

@@ -13,9 +13,8 @@ import pytest
 from beltcomm import language
 from beltcomm.axis import load_axis
 from beltcomm.axis.entries import AxisTargets
-from beltcomm.cli.display import Display
+from beltcomm.cli.display import Display, Pace
 from beltcomm.cli.frame import Invocation, _left_lines
-from beltcomm.cli.pace import Pace
 from beltcomm.cli.terminal import console_of, echo
 from beltcomm.configfiles import config_names
 from beltcomm.drive import open_drive

@@ -50,11 +50,6 @@ def test_a_torque_that_switches_at_a_share_of_the_period_changes_the_triangle_by
     assert inside.triangular()[1] == pytest.approx(more, abs=1e-12)
 
 
-def test_a_part_of_the_samples_is_spread_as_it_was() -> None:
-    means, inside = spread_of(course())
-    np.testing.assert_array_equal(inside.part(slice(1, 3)).cells(means[1:3], 8), inside.cells(means, 8)[8:24])
-
-
 @pytest.mark.parametrize("per_sample", [4, 10, 12, CELLS, 50])
 def test_cells_of_any_number_have_the_same_integral(per_sample: int) -> None:
     course = np.random.default_rng(per_sample).normal(size=(3, CELLS))

@@ -17,9 +17,8 @@ from beltcomm.design.knobs import OutOfReach
 from beltcomm.design.margins import margins, worst_of
 from beltcomm.errors import UsageError
 from beltcomm.sentences.screens import _loop_lines
-from beltcomm.tuning.bench import Bench
+from beltcomm.tuning.bench import DISTURBANCE_NM, Bench, open_loop_curves, responses
 from beltcomm.tuning.changes import changes, error_changes, sentence
-from beltcomm.tuning.curves import DISTURBANCE_NM, open_loop_curves, responses
 from beltcomm.tuning.ground import SliderSetting, setting_from
 from beltcomm.tuning.presets import PACES, Preset, preset
 from design.closed_loop import PERIOD, run

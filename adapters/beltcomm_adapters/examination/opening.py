@@ -10,15 +10,13 @@ from beltcomm.drive.finding import Finding
 from beltcomm.drive.objects import name_of
 from beltcomm.drive.parameters import GAIN_NAMES
 from beltcomm.errors import BusError, DriveError
-from beltcomm_adapters.cia402 import State
-from beltcomm_adapters.examination.patient import Check, Patient
+from beltcomm_adapters.examination.patient import OFF, Check, Patient
 from beltcomm_adapters.gains import Parameters
 from beltcomm_adapters.identification import FASTEST_RAD_S, read_capabilities, read_top_speed_rad_s, supported_modes, sync_steps
 from beltcomm_adapters.trial import AREA, tried
 
 GAINS: Final = "gains"
 _OPERATIONAL: Final = 0x05
-_OFF: Final = (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.FAULT)
 
 
 def _opened(patient: Patient) -> Iterator[Finding]:
@@ -76,7 +74,7 @@ def _records(patient: Patient) -> Iterator[Finding]:
 
 
 def _why_not(patient: Patient) -> str:
-    if patient.state not in _OFF:
+    if patient.state not in OFF:
         return "the power stage is not off"
     if patient.nmt == _OPERATIONAL:
         return "the node is Operational, so another master may use its PDOs"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from beltcomm.drive import KnownMotor
 from beltcomm.drive.finding import Finding
@@ -14,6 +14,9 @@ from beltcomm_adapters.link import Link
 from beltcomm_adapters.profiles import Profile
 from beltcomm_adapters.scaling import Scaling
 from beltcomm_adapters.sdo import Objects
+
+#: States in which the power stage is off.
+OFF: Final = (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.FAULT)
 
 
 @dataclass

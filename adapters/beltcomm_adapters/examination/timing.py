@@ -8,8 +8,7 @@ from typing import Final
 
 from beltcomm.drive.finding import Finding
 from beltcomm_adapters.busload import shortest_period_s
-from beltcomm_adapters.cia402 import State
-from beltcomm_adapters.examination.patient import Check, Patient
+from beltcomm_adapters.examination.patient import OFF, Check, Patient
 from beltcomm_adapters.exchange import Exchange
 from beltcomm_adapters.identification import supported_modes, sync_period_s, sync_steps
 from beltcomm_adapters.link import NMT_START
@@ -17,7 +16,6 @@ from beltcomm_adapters.link import NMT_START
 AREA: Final = "timing"
 _TEST_S: Final = 1.0
 _OPERATIONAL, _PRE_OPERATIONAL = 0x05, 0x7F
-_OFF: Final = (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.FAULT)
 #: Share of lost cycles from which records suffer; four in a row end one.
 _MANY: Final = 0.01
 _JITTER_SHARE: Final = 0.25  # of a period: beyond it the regression drops the sample
@@ -70,7 +68,7 @@ def _sync(patient: Patient) -> Iterator[Finding]:
 
 def _why_not(patient: Patient) -> str:
     """Reason that forbids SYNC here, in words."""
-    if patient.state not in _OFF:
+    if patient.state not in OFF:
         return "the power stage is not off"
     if patient.others:
         return "other nodes on the bus would hear it too"

@@ -24,7 +24,7 @@ from benchmarks.speeds.measure import Figure
 #: Travel, m, and carriage, kg, of the small and of the large build size.
 SMALL = ((0.3, 0.4), (0.3, 5.0), (0.58, 13.4), (1.5, 1.0), (1.5, 8.0), (3.0, 0.4), (3.0, 10.0), (3.0, 13.4))
 LARGE = ((0.3, 40.0), (1.0, 20.0), (3.0, 5.0), (3.0, 40.0))
-QUICK_AIM_S, BASE_AIM_S = 20.0, 45.0
+QUICK_AIM_S = 20.0
 #: What is asked of the whole job: mass, stiffness and inertia to a hundredth.
 ACCURACY = 0.01
 ASKED = ("cart.mass", "belt_stiffness.stiffness", "motor.inertia")
