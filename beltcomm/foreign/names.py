@@ -57,6 +57,8 @@ _PARTS: tuple[tuple[Quantity, str], ...] = (
     ("time", "timestamp|zeitstempel|zeit"),
 )
 
+#: "no" and "nr" count something, unless they number the axis.
+_NUMBERED = re.compile(r"(?<![A-Za-z])(no|nr|number|nummer)\.?[_ ]*(?=\d)", re.IGNORECASE)
 _COUNTS_OF_BITS = r"counts?(\d{1,2})bit"
 #: Positions that are angles: a letter m behind them is the motor's, no metre.
 _ANGLES = r"angle|ang|winkel|theta|phi|rotor"
@@ -123,7 +125,7 @@ def meaning_of(table: Table, name: str) -> Meaning | None:
     if number and number[1].upper() in _OBJECTS:
         known = _OBJECTS[number[1].upper()]
         return Meaning(name, known[0], known[1], True, special=known[2])
-    words, ending = _words(re.sub(r"[_ ]\d+$", "", Table.bare(name)))
+    words, ending = _words(re.sub(r"[_ .]\d+$", "", _NUMBERED.sub(" ", Table.bare(name))))
     if not stated and ending:
         stated = ending
     if any(_fits(word, _OTHERS) for word in words):
