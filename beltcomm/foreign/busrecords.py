@@ -21,7 +21,7 @@ from beltcomm.errors import DataError
 from beltcomm.foreign.canopen import ObjectSamples, Place, Seen, objects_seen, pdos, samples
 from beltcomm.foreign.canunits import LogUnits, Overheard, profile_of, units_of
 from beltcomm.foreign.framelog import FrameLog
-from beltcomm.foreign.logclock import PAUSE_PERIODS, PAUSE_S, RowTimes, row_times
+from beltcomm.foreign.logclock import PAUSE_PERIODS, PAUSE_S, RowTimes, begins_in_motion, holes, row_times
 from beltcomm.foreign.table import Table
 from beltcomm.recording.sidecar import ExcitationNote
 
@@ -41,6 +41,8 @@ _TORQUE_MODES, _VELOCITY_MODES, _POSITION_MODES, _HOMING = (4, 10), (3, 9), (1, 
 #: s; a shorter stretch is no move.
 _SHORTEST_S = 0.2
 _FEWEST_SYNCS = 10
+#: Share of the rows without a signal from which it is one of a slower frame, not one with frames that were lost.
+_SELDOM = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,26 +105,31 @@ def records_of(
         When the log does not show what the frames carry, or holds no move.
     """
     seen = objects_seen(log)
-    node, found = _node_with_position(log, seen, node)
+    node, found, also = _node_with_position(log, seen, node)
     profile = profile_of(seen, node)
     before = torque_acts == "before" or (torque_acts is None and profile.torque_sampling == "after")
     rows = _rows(log, found)
     place = rows.columns[("sent", (_POSITION, 0))]
     rows.clock = row_times(log.t_s[rows.frames], place, rows.synchronous, _cycle_s(seen), period_s)
-    notes = [*log.notes, *rows.clock.notes, f"drive: {profile.title}, node {node}", _torque_words(torque_acts, before, profile)]
+    others = [f"node {number} sends its position, too: its moves are read with --node {number}" for number in also]
+    notes = [
+        *log.notes,
+        *others,
+        *rows.clock.notes,
+        f"drive: {profile.title}, node {node}",
+        _torque_words(torque_acts, before, profile),
+    ]
     made = []
-    left = 0
+    homing = 0
     for stretch in _stretches(rows, seen, node, period_s):
         begin = int(rows.frames[stretch[0]])
-        units = units_of(seen, node, axis, begin)
-        record = _record(log, rows, stretch, units, before, _mode_at(seen, node, begin), [*notes, *units.notes])
-        if record is None:
-            left += 1
-        else:
-            made.append(record)
+        units, mode = units_of(seen, node, axis, begin), _mode_at(seen, node, begin)
+        homing += len(stretch) * (mode == _HOMING)
+        record = _record(log, rows, stretch, units, before, mode, [*notes, *units.notes])
+        made += [record] if record is not None else []
     early = _before_the_setup(log, seen, node)
     taken = sum(len(record.table.columns["t_s"]) for record in made)
-    balance = _balance(log, node, rows, early, taken, len(made))
+    balance = _balance(log, node, rows, early, taken, len(made), homing)
     if not made:
         standing = " or give the SYNC's rate with --rate" if rows.clock.standing.any() else ""
         raise DataError(
@@ -130,6 +137,7 @@ def records_of(
             f"record while the axis moves, from before the drive is set up{standing}"
         )
     lost = [f"{early} frames with the position before the set-up"] * (early > _FEWEST_SYNCS)
+    lost += ["what stands behind a clock that goes back"] * bool(rows.clock.broken.any())
     lost += [f"{int(rows.clock.standing.sum())} rows with standing stamps"] * bool(rows.clock.standing.any())
     made[0] = _with_note(made[0], balance, " and ".join(lost))
     return made
@@ -149,7 +157,7 @@ def _before_the_setup(log: FrameLog, seen: list[Seen], node: int) -> int:
     return int(np.isin(log.identifier[:first], known).sum())
 
 
-def _balance(log: FrameLog, node: int, rows: _Rows, early: int, taken: int, moves: int) -> str:
+def _balance(log: FrameLog, node: int, rows: _Rows, early: int, taken: int, moves: int, homing: int) -> str:
     """Account of all frames and rows of a log, in words."""
     size = len(log.t_s)
     read = f"all {size}" if log.in_file == size else f"{size} of {log.in_file}" if log.in_file else f"{size}"
@@ -160,7 +168,17 @@ def _balance(log: FrameLog, node: int, rows: _Rows, early: int, taken: int, move
     words += [f"{twice} stand there twice at the same time"] * (twice > 0)
     words += [f"not read are {early} frames with the position before the set-up, which the log does not explain"] * (early > 0)
     words += [f"{standing} rows have standing stamps and no known period, and were left out"] * (standing > 0)
-    where = f"{max(there - standing - taken, 0)} with the stage off, at rest or homing"
+    if begins_in_motion(rows.columns[("sent", (_POSITION, 0))]):
+        words.append("the first rows are in motion already, so the beginning of that move is not in the log")
+    gone = holes(rows.clock, rows.columns[("sent", (_POSITION, 0))])
+    if gone:
+        longest = max(gone, key=lambda hole: hole[1])
+        words.append(
+            f"in {len(gone)} places no row came while the axis moved, the longest {longest[1]:.4g} s from {longest[0]:.4g} s on: "
+            "what was done there is not in the log, and a move is cut there"
+        )
+    where = f"{max(there - standing - taken - homing, 0)} with the stage off or at rest"
+    where += f", {homing} in the mode of homing (6060h is 6)" if homing else ""
     return "; ".join([*words, f"of {there} rows with the position {taken} are in moves ({moves}), {where}"])
 
 
@@ -190,13 +208,17 @@ def readable(log: FrameLog) -> int:
     return sum(len(values.raw) for values in found if values is not None)
 
 
-def _node_with_position(log: FrameLog, seen: list[Seen], node: int | None) -> tuple[int, dict[tuple[str, Place], ObjectSamples]]:
+def _node_with_position(
+    log: FrameLog, seen: list[Seen], node: int | None
+) -> tuple[int, dict[tuple[str, Place], ObjectSamples], tuple[int, ...]]:
+    """The node that is asked for, else that with the most frames with a position; its samples, and other nodes that have some."""
     numbers = sorted({item.node for item in seen}) if node is None else [node]
     best: tuple[int, dict[tuple[str, Place], ObjectSamples]] | None = None
+    sizes: dict[int, int] = {}
     for number in numbers:
         found = samples(log, seen, number, SIGNED)
-        size = len(found[("sent", (_POSITION, 0))].raw) if ("sent", (_POSITION, 0)) in found else 0
-        if size and (best is None or size > len(best[1][("sent", (_POSITION, 0))].raw)):
+        sizes[number] = len(found[("sent", (_POSITION, 0))].raw) if ("sent", (_POSITION, 0)) in found else 0
+        if sizes[number] and (best is None or sizes[number] > sizes[best[0]]):
             best = number, found
     if best is None:
         shown = "the log shows no SDO access to the PDO mapping (1A00h)" if not any(pdos(seen, n) for n in numbers) else "no PDO carries it"
@@ -204,7 +226,8 @@ def _node_with_position(log: FrameLog, seen: list[Seen], node: int | None) -> tu
             f"{log.file}: which frames carry the position 6064h cannot be told, {shown}. On the bus are {log.summary()}. Record from "
             "before the drive is set up, or say what the frames carry: --signal 6064h=181:0:i32 (COB-ID, first byte, type), or --dbc FILE"
         )
-    return best
+    chosen = best[0]
+    return *best, tuple(number for number, size in sizes.items() if size and number != chosen)
 
 
 def _rows(log: FrameLog, found: Mapping[tuple[str, Place], ObjectSamples]) -> _Rows:
@@ -289,19 +312,28 @@ def _record(
             if ("sent", place) in raw:
                 raw[("sent", place)] = rows.columns[("sent", place)][following]
     columns = {"t_s": t_s - t_s[0], **_columns(raw, units, mode)}
-    torque = next((name for name in ("torque_nm", "current_a", "6077h", "6078h") if name in columns), None)
-    lost = np.zeros(len(stretch), dtype=bool)
     words = list(notes)
-    if torque is not None:
-        lost = ~np.isfinite(columns[torque])
-        if lost[:-1].any():
-            words.append(f"{int(lost[:-1].sum())} rows without a torque left out")
-    columns = {name: column[~lost] for name, column in columns.items()}
+    columns = _whole_rows(columns, words)
     if len(columns["t_s"]) < 3:
         return None
     units_beside = {"6077h": "per mille of rated torque", "6078h": "per mille of rated current"}
     table = Table(log.file, columns, {name: unit for name, unit in units_beside.items() if name in columns}, tuple(words))
     return BusRecord(table, float(t_s[0]), *_what_was_done(columns, mode))
+
+
+def _whole_rows(columns: dict[str, Array], words: list[str]) -> dict[str, Array]:
+    """Rows in which nothing is missing, for a frame that a damaged line held must not cost the move; signals that seldom came are left."""
+    torque = next((name for name in ("torque_nm", "current_a", "6077h", "6078h") if name in columns), "")
+    missing = {name: ~np.isfinite(column) for name, column in columns.items()}
+    for name in [name for name, mask in missing.items() if mask.mean() > _SELDOM and name not in ("position_rad", torque)]:
+        words.append(f"{name} came in {int((~missing.pop(name)).sum())} of {len(columns['t_s'])} rows and is left out")
+        columns = {other: column for other, column in columns.items() if other != name}
+    lost = np.zeros(len(columns["t_s"]), dtype=bool)
+    for name, mask in missing.items():
+        if (mask & ~lost)[:-1].any():
+            words.append(f"{int((mask & ~lost)[:-1].sum())} rows without {'a torque' if name == torque else name} left out")
+        lost |= mask
+    return {name: column[~lost] for name, column in columns.items()}
 
 
 def _columns(raw: Mapping[tuple[str, Place], Array], units: LogUnits, mode: int | None) -> dict[str, Array]:
