@@ -41,6 +41,8 @@ _TORQUE_MODES, _VELOCITY_MODES, _POSITION_MODES, _HOMING = (4, 10), (3, 9), (1, 
 #: s; a shorter stretch is no move.
 _SHORTEST_S = 0.2
 _FEWEST_SYNCS = 10
+#: Identifier of node 0's heartbeat; the first of a node is 0, its boot-up (CiA 301, 7.2.8.3.3).
+_HEARTBEAT = 0x700
 #: Share of the rows without a signal from which it is one of a slower frame, not one with frames that were lost.
 _SELDOM = 0.5
 
@@ -120,16 +122,18 @@ def records_of(
         _torque_words(torque_acts, before, profile),
     ]
     made = []
-    homing = 0
+    homing, short = 0, 0
     for stretch in _stretches(rows, seen, node, period_s):
         begin = int(rows.frames[stretch[0]])
         units, mode = units_of(seen, node, axis, begin), _mode_at(seen, node, begin)
         homing += len(stretch) * (mode == _HOMING)
         record = _record(log, rows, stretch, units, before, mode, [*notes, *units.notes])
         made += [record] if record is not None else []
+        moved = np.ptp(rows.columns[("sent", (_POSITION, 0))][stretch]) > 0.0
+        short += len(stretch) * bool(record is None and mode != _HOMING and moved)
     early = _before_the_setup(log, seen, node)
     taken = sum(len(record.table.columns["t_s"]) for record in made)
-    balance = _balance(log, node, rows, early, taken, len(made), homing)
+    balance = _balance(log, node, rows, early, taken, len(made), homing, short)
     if not made:
         standing = " or give the SYNC's rate with --rate" if rows.clock.standing.any() else ""
         raise DataError(
@@ -137,7 +141,7 @@ def records_of(
             f"record while the axis moves, from before the drive is set up{standing}"
         )
     lost = [f"{early} frames with the position before the set-up"] * (early > _FEWEST_SYNCS)
-    lost += ["what stands behind a clock that goes back"] * bool(rows.clock.broken.any())
+    lost += ["what stands behind a clock that goes back"] * _boots_late(log, rows, node)
     lost += [f"{int(rows.clock.standing.sum())} rows with standing stamps"] * bool(rows.clock.standing.any())
     made[0] = _with_note(made[0], balance, " and ".join(lost))
     return made
@@ -157,7 +161,16 @@ def _before_the_setup(log: FrameLog, seen: list[Seen], node: int) -> int:
     return int(np.isin(log.identifier[:first], known).sum())
 
 
-def _balance(log: FrameLog, node: int, rows: _Rows, early: int, taken: int, moves: int, homing: int) -> str:
+def _boots_late(log: FrameLog, rows: _Rows, node: int) -> bool:
+    """True if the drive boots behind a clock that goes back and not before: what stands there may have come first, in another file."""
+    breaks = np.flatnonzero(rows.clock.broken)
+    if not len(breaks):
+        return False
+    boots = np.flatnonzero((log.identifier == _HEARTBEAT + node) & (log.length == 1) & (log.data[:, 0] == 0) & ~log.remote)
+    return bool(len(boots)) and bool(boots[0] >= rows.frames[breaks[0] - 1])
+
+
+def _balance(log: FrameLog, node: int, rows: _Rows, early: int, taken: int, moves: int, homing: int, short: int) -> str:
     """Account of all frames and rows of a log, in words."""
     size = len(log.t_s)
     read = f"all {size}" if log.in_file == size else f"{size} of {log.in_file}" if log.in_file else f"{size}"
@@ -177,8 +190,9 @@ def _balance(log: FrameLog, node: int, rows: _Rows, early: int, taken: int, move
             f"in {len(gone)} places no row came while the axis moved, the longest {longest[1]:.4g} s from {longest[0]:.4g} s on: "
             "what was done there is not in the log, and a move is cut there"
         )
-    where = f"{max(there - standing - taken - homing, 0)} with the stage off or at rest"
+    where = f"{max(there - standing - taken - homing - short, 0)} with the stage off or at rest"
     where += f", {homing} in the mode of homing (6060h is 6)" if homing else ""
+    where += f", {short} in stretches that are shorter than {_SHORTEST_S:g} s" if short else ""
     return "; ".join([*words, f"of {there} rows with the position {taken} are in moves ({moves}), {where}"])
 
 

@@ -134,7 +134,7 @@ def row_times(t_s: Array, position: Array, synchronous: bool, cycle_s: float | N
 
 
 def holes(clock: RowTimes, position: Array) -> list[tuple[float, float]]:
-    """Where no row came while the axis moved just before or just after: begin and length of each, s.
+    """Where no row came while the axis moved: just before, just after, or from one place to another; begin and length of each, s.
 
     Parameters
     ----------
@@ -147,7 +147,15 @@ def holes(clock: RowTimes, position: Array) -> list[tuple[float, float]]:
     if len(rising) < _FEWEST_STEPS:
         return []
     long = np.flatnonzero((steps > max(PAUSE_PERIODS * float(np.median(rising)), PAUSE_S)) & ~clock.broken[1:])
-    return [(float(clock.t_s[k]), float(steps[k])) for k in long.tolist() if _moves(position[: k + 1], -1) or _moves(position[k + 1 :], 1)]
+    found = []
+    for k in long.tolist():
+        beside = position[max(0, k - _BESIDE) : k + 1], position[k + 1 : k + 2 + _BESIDE]
+        whole = [part[np.isfinite(part)] for part in beside]
+        # elsewhere than before: a whole move is missing, its rests too
+        elsewhere = bool(len(whole[0]) and len(whole[1])) and abs(float(whole[1][0] - whole[0][-1])) > _AT_REST
+        if elsewhere or _moves(position[: k + 1], -1) or _moves(position[k + 1 :], 1):
+            found.append((float(clock.t_s[k]), float(steps[k])))
+    return found
 
 
 def begins_in_motion(position: Array) -> bool:

@@ -90,6 +90,32 @@ def test_a_hole_in_motion_is_told(three: Logged, tmp_path: Path) -> None:
     assert "in 1 places no row came while the axis moved, the longest 0.301 s" in outcome.output
 
 
+def test_a_hole_as_long_as_a_move_is_told(three: Logged, tmp_path: Path) -> None:
+    """The second move and the rests beside it are gone; the axis stands elsewhere behind it."""
+    frames = [frame for frame in three.frames if not 4.25 <= frame[0] < 4.94]
+    outcome, run = imported(tmp_path, "a.log", text(frames, EPOCH + stamps_of(frames)))
+    assert outcome.exit_code == 0, outcome.output
+    assert len(run.recordings()) == 2
+    assert "in 1 places no row came while the axis moved, the longest 0.69" in outcome.output
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_two_files_whose_clocks_begin_at_zero(swapped: bool, three: Logged, tmp_path: Path) -> None:
+    """In their order the start is the first move's; where the drive boots in the second file, that may be another one."""
+    frames, t = three.frames, stamps_of(three.frames)
+    cut = int(np.searchsorted(t, 4.31))
+    stamps = np.concatenate((t[:cut], t[cut:] - t[cut]))
+    order = [*range(cut, len(t)), *range(cut)] if swapped else list(range(len(t)))
+    content = text([frames[k] for k in order], stamps[order])
+    outcome, run = imported(tmp_path, "a.log", content, "--start-position", "250mm")
+    if swapped:
+        assert outcome.exit_code == 3
+        assert "what stands behind a clock that goes back" in outcome.output
+        return
+    assert outcome.exit_code == 0, outcome.output
+    check_three(run, three)
+
+
 def test_a_log_that_begins_in_a_move_says_so(three: Logged, tmp_path: Path) -> None:
     first = next(frame[0] for frame in three.frames if frame[1] == 0x80)
     frames = [frame for frame in three.frames if frame[0] < first or frame[0] >= 2.0]
