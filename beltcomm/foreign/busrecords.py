@@ -179,7 +179,8 @@ def _balance(log: FrameLog, node: int, rows: _Rows, early: int, taken: int, move
     words = [f"{read} frames of the file were read, {log.of_node(node)} of node {node}"]
     twice = log.doubled()
     words += [f"{twice} stand there twice at the same time"] * (twice > 0)
-    words += [f"not read are {early} frames with the position before the set-up, which the log does not explain"] * (early > 0)
+    unexplained = f"not read are {early} frames with the position before the set-up, which the log does not explain"
+    words += [f"{unexplained} (where a file before it does, join the two)"] * (early > 0)
     words += [f"{standing} rows have standing stamps and no known period, and were left out"] * (standing > 0)
     if begins_in_motion(rows.columns[("sent", (_POSITION, 0))]):
         words.append("the first rows are in motion already, so the beginning of that move is not in the log")
@@ -238,7 +239,8 @@ def _node_with_position(
         shown = "the log shows no SDO access to the PDO mapping (1A00h)" if not any(pdos(seen, n) for n in numbers) else "no PDO carries it"
         raise DataError(
             f"{log.file}: which frames carry the position 6064h cannot be told, {shown}. On the bus are {log.summary()}. Record from "
-            "before the drive is set up, or say what the frames carry: --signal 6064h=181:0:i32 (COB-ID, first byte, type), or --dbc FILE"
+            "before the drive is set up (if that is in a file before this one, join them into one), or say what the frames carry: --signal "
+            "6064h=181:0:i32 (COB-ID, first byte, type), or --dbc FILE"
         )
     chosen = best[0]
     return *best, tuple(number for number, size in sizes.items() if size and number != chosen)
