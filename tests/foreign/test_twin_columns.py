@@ -138,6 +138,19 @@ def test_a_speed_that_is_not_sure_is_asked_for_and_is_no_position(names: tuple[s
     assert "position_rad" not in told.value.template
 
 
+@pytest.mark.parametrize("actual", ["Motorangle_deg", "motor angle [deg]", "Istwinkel [deg]"])
+@pytest.mark.parametrize(
+    "other", ["Positioncommand_deg", "targetposition [deg]", "Schleppfehler [deg]", "Loadposition_deg", "Lastwinkel [deg]"]
+)
+def test_compounds_say_what_was_asked_for_and_what_is_another_thing(actual: str, other: str) -> None:
+    """A commanded position was taken for the actual one, whose name was a compound that said nothing."""
+    columns = {"t [s]": T, "Torque / N m": TORQUE, "torquelimit / N m": TORQUE, actual: POSITION, other: 0.5 * POSITION}
+    mapping, _ = completed(Table("log.csv", columns), (), AXIS, timed=True)
+    found = {text.partition("=")[0]: text.partition("=")[2] for text in mapping}
+    assert found["torque_nm"].startswith('"Torque / N m"')
+    assert found["position_rad"].strip('"').startswith(actual)
+
+
 def test_a_setpoint_or_another_quantity_is_no_twin() -> None:
     columns = {"t [s]": T, "Torque [Nm]": TORQUE, "Torque setpoint [Nm]": TORQUE, "Torque limit [Nm]": TORQUE, "Position [rad]": POSITION}
     mapping, _ = completed(Table("log.csv", columns), (), AXIS, timed=True)
