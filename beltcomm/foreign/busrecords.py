@@ -2,8 +2,6 @@
 
 A synchronous PDO that a drive sends behind SYNC k was sampled at SYNC k; one that it receives there acts from SYNC k+1 on
 (CiA 301, 7.2.2).  Without SYNCs a row is a frame that carries the position.
-
-An excitation behind a torque setpoint without noise is told by its period, where it begins, and how large it is.
 """
 
 from __future__ import annotations
@@ -15,11 +13,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.arrays import Array, BoolArray, runs_of
+from beltcomm.arrays import Array
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.foreign.canopen import ObjectSamples, Place, Seen, objects_seen, pdos, samples
 from beltcomm.foreign.canunits import LogUnits, Overheard, profile_of, units_of
+from beltcomm.foreign.excited import excitation_of, is_sweep
 from beltcomm.foreign.framelog import FrameLog
 from beltcomm.foreign.logclock import PAUSE_PERIODS, PAUSE_S, RowTimes, begins_in_motion, holes, row_times
 from beltcomm.foreign.table import Table
@@ -181,6 +180,8 @@ def _balance(log: FrameLog, node: int, rows: _Rows, early: int, taken: int, move
     words += [f"{twice} stand there twice at the same time"] * (twice > 0)
     unexplained = f"not read are {early} frames with the position before the set-up, which the log does not explain"
     words += [f"{unexplained} (where a file before it does, join the two)"] * (early > 0)
+    without = len(rows.frames) - there - early
+    words += [f"{without} of {len(rows.frames)} SYNCs came without a position"] * (without > _FEWEST_SYNCS)
     words += [f"{standing} rows have standing stamps and no known period, and were left out"] * (standing > 0)
     if begins_in_motion(rows.columns[("sent", (_POSITION, 0))]):
         words.append("the first rows are in motion already, so the beginning of that move is not in the log")
@@ -389,77 +390,8 @@ def _columns(raw: Mapping[tuple[str, Place], Array], units: LogUnits, mode: int 
 
 def _what_was_done(columns: Mapping[str, Any], mode: int | None) -> tuple[str, bool, ExcitationNote | None]:
     if mode in _VELOCITY_MODES or mode in _POSITION_MODES:
-        sweep = _is_sweep(columns.get("reference_velocity_rad_s"))
+        sweep = is_sweep(columns.get("reference_velocity_rad_s"))
         return ("friction_sweep" if sweep else "trajectory" if mode in _POSITION_MODES else "free"), True, None
     setpoint = columns.get("torque_setpoint_nm")
-    note = _excitation_of(setpoint) if setpoint is not None and mode in _TORQUE_MODES else None
+    note = excitation_of(setpoint) if setpoint is not None and mode in _TORQUE_MODES else None
     return ("frf" if note is not None else "free"), False, note
-
-
-#: A period is at least so long; fewer samples are a square wave.
-_SHORTEST = 64
-#: More candidates than these are not tried.
-_CANDIDATES = 12
-#: Levels of a switched signal around its offset, ends and rest included.
-_SWITCHED = 4
-
-
-def _excitation_of(setpoint: Array) -> ExcitationNote | None:
-    """Kind, period and first sample of a setpoint that repeats exactly at least twice; None when it does not.
-
-    Parameters
-    ----------
-    setpoint : ndarray (n,)
-        As it was sent, so that equal samples are equal numbers. The first period, in which the axis still swings in, is left out where
-        three or more are there.
-    """
-    moves = np.flatnonzero(np.diff(setpoint)) + 1
-    if len(moves) < 10:
-        return None
-    first, last = int(moves[0]), int(moves[-1])
-    excited = setpoint[first : last + 1]
-    if len(excited) < 2 * _SHORTEST:
-        return None
-    best: tuple[int, int, int] | None = None  # samples that repeat, where they begin, period
-    for period in _likely_periods(excited):
-        begin, run = _longest_run(excited[period:] == excited[:-period])
-        if run >= period and (best is None or run + period > 1.05 * best[0]):
-            best = run + period, begin, period
-    if best is None:
-        return None
-    length, begin, period = best
-    begins = first + begin + (period if length >= 3 * period else 0)
-    block = setpoint[first + begin : first + begin + period]
-    switched = len(np.unique(block)) <= _SWITCHED
-    return ExcitationNote("prbs" if switched else "multisine", float(np.abs(excited).max()), period, begins)
-
-
-def _is_sweep(reference_velocity: Array | None) -> bool:
-    """True for a speed that was asked for and rests most of the time on two or more levels that are not zero: a friction sweep."""
-    if reference_velocity is None or not reference_velocity.any():
-        return False
-    largest = float(np.abs(reference_velocity).max())
-    level = np.round(reference_velocity / (0.005 * largest))
-    rests = (np.diff(level, prepend=level[0]) == 0.0) & (np.abs(level) > 1.0)
-    _, counts = np.unique(np.abs(level[rests]), return_counts=True)
-    long = counts[counts >= 0.02 * len(level)]
-    return len(long) >= 2 and bool(long.sum() > 0.5 * len(level))
-
-
-def _likely_periods(excited: Array) -> list[int]:
-    """Lags at which the autocorrelation has its highest peaks, shortest first."""
-    centred = excited - excited.mean()
-    size = 1 << int(np.ceil(np.log2(2 * len(centred))))
-    spectrum = np.fft.rfft(centred, size)
-    correlation = np.fft.irfft(spectrum * np.conj(spectrum), size)[: len(centred)]
-    lags = np.arange(len(centred))
-    share = correlation / np.maximum(len(centred) - lags, 1) / max(float(correlation[0]) / len(centred), 1e-300)
-    usable = lags[_SHORTEST : len(centred) // 2 + 1]
-    peaks = [int(k) for k in usable if share[k] > 0.7 and share[k] >= share[k - 1] and (k + 1 >= len(share) or share[k] >= share[k + 1])]
-    return sorted(sorted(peaks, key=lambda k: -share[k])[:_CANDIDATES])
-
-
-def _longest_run(equal: BoolArray) -> tuple[int, int]:
-    """Start and length of the longest run of True."""
-    start, end = max(runs_of(equal), key=lambda run: run[1] - run[0], default=(0, 0))
-    return start, end - start

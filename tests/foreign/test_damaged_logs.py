@@ -82,6 +82,15 @@ def test_a_signal_missing_in_one_row_costs_that_row(three: Logged, tmp_path: Pat
     assert "1 rows without" in outcome.output
 
 
+def test_syncs_without_a_position_are_counted(three: Logged, tmp_path: Path) -> None:
+    """As where a damaged set-up leaves a PDO unknown, or the bus was too full."""
+    frames = [frame for frame in three.frames if not (frame[1] == 0x181 and 4.4 <= frame[0] < 4.5)]
+    gone = sum(frame[1] == 0x181 for frame in three.frames) - sum(frame[1] == 0x181 for frame in frames)
+    outcome, _ = imported(tmp_path, "a.log", text(frames, EPOCH + stamps_of(frames)))
+    assert outcome.exit_code == 0, outcome.output
+    assert f"{gone} of {sum(frame[1] == 0x80 for frame in frames)} SYNCs came without a position" in outcome.output
+
+
 def test_a_hole_in_motion_is_told(three: Logged, tmp_path: Path) -> None:
     frames = [frame for frame in three.frames if not 2.0 <= frame[0] < 2.3]
     outcome, run = imported(tmp_path, "a.log", text(frames, EPOCH + stamps_of(frames)))
