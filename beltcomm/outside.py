@@ -13,7 +13,7 @@ import json
 import os
 import stat
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from io import BufferedReader
 from pathlib import Path
@@ -130,13 +130,15 @@ def read_json(path: Path) -> Any:
     return from_json(read_bytes(path, KEPT_BYTES))
 
 
-def from_json(text: str | bytes) -> Any:
+def from_json(text: str | bytes, members: Callable[[list[tuple[str, Any]]], Any] | None = None) -> Any:
     """Content of a JSON text.
 
     Parameters
     ----------
     text : str or bytes
         UTF-8 where it is bytes.
+    members : callable or None
+        Makes an object of its names and values, where the last of two with one name shall not be the only one.
 
     Raises
     ------
@@ -144,7 +146,7 @@ def from_json(text: str | bytes) -> Any:
         Also for one that is nested deeper than this program can follow.
     """
     try:
-        return json.loads(text)
+        return json.loads(text, object_pairs_hook=members)
     except RecursionError as error:
         raise ValueError("its values nest too deeply") from error
 

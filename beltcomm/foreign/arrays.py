@@ -11,7 +11,7 @@ Layouts that are known by their shape, whatever they are called::
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -94,9 +94,9 @@ class _Found:
         if isinstance(item, Mapping):
             self.structure(item, f"{name}." if name else "", depth + 1)
         elif isinstance(item, list) and any(isinstance(part, (Mapping, np.ndarray, list)) for part in item):
-            for number, part in enumerate(item, start=1):
-                label = _text_of(part, "name", "label") if isinstance(part, Mapping) else ""
-                self._item(label or f"{key}{number}", part, prefix, depth + 1)
+            labels = [_text_of(part, "name", "label") if isinstance(part, Mapping) else "" for part in item]
+            for label, part in zip(numbered([label or f"{key}{k}" for k, label in enumerate(labels, start=1)]), item, strict=True):
+                self._item(label, part, prefix, depth + 1)
         else:
             return self._vector(name, item)
         return []
@@ -116,6 +116,7 @@ class _Found:
         flat = np.squeeze(values).astype(np.float64)
         flat[~np.isfinite(flat)] = np.nan
         parts = {name or "c1": flat} if flat.ndim == 1 else _of_matrix(name or "c", flat)
+        parts = {self._free(part): column for part, column in parts.items()}
         self.columns |= parts
         check_columns(self.file, len(self.columns))
         if unit:
@@ -227,6 +228,25 @@ class _Found:
     def objects_hint(self) -> str:
         """Note of the objects that were left out, which only MATLAB itself can open."""
         return f" (not read: {', '.join(self.left_out[:10])})" if self.left_out else ""
+
+
+def numbered(names: Sequence[str]) -> list[str]:
+    """The names, the second of one name with ``_2`` behind it, the third with ``_3``, as columns of a text file.
+
+    Parameters
+    ----------
+    names : sequence of str
+    """
+    taken: set[str] = set(names)
+    seen: set[str] = set()
+    made = []
+    for name in names:
+        number, free = 2, name
+        while free in seen or (free != name and free in taken):
+            free, number = f"{name}_{number}", number + 1
+        seen.add(free)
+        made.append(free)
+    return made
 
 
 def _of_matrix(name: str, values: Column) -> dict[str, Column]:

@@ -2,8 +2,6 @@
 
 A synchronous PDO that a drive sends behind SYNC k was sampled at SYNC k; one that it receives there acts from SYNC k+1 on
 (CiA 301, 7.2.2).  Without SYNCs a row is a frame that carries the position.
-
-An excitation behind a torque setpoint without noise is told by its period, where it begins, and how large it is.
 """
 
 from __future__ import annotations
@@ -15,13 +13,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from beltcomm.arrays import Array, BoolArray, runs_of
+from beltcomm.arrays import Array
 from beltcomm.axis import Axis
 from beltcomm.errors import DataError
 from beltcomm.foreign.canopen import ObjectSamples, Place, Seen, objects_seen, pdos, samples
 from beltcomm.foreign.canunits import LogUnits, Overheard, profile_of, units_of
+from beltcomm.foreign.excited import excitation_of, is_sweep
 from beltcomm.foreign.framelog import FrameLog
-from beltcomm.foreign.logclock import PAUSE_PERIODS, PAUSE_S, RowTimes, row_times
+from beltcomm.foreign.logclock import PAUSE_PERIODS, PAUSE_S, RowTimes, begins_in_motion, holes, row_times
 from beltcomm.foreign.table import Table
 from beltcomm.recording.sidecar import ExcitationNote
 
@@ -41,6 +40,10 @@ _TORQUE_MODES, _VELOCITY_MODES, _POSITION_MODES, _HOMING = (4, 10), (3, 9), (1, 
 #: s; a shorter stretch is no move.
 _SHORTEST_S = 0.2
 _FEWEST_SYNCS = 10
+#: Identifier of node 0's heartbeat; the first of a node is 0, its boot-up (CiA 301, 7.2.8.3.3).
+_HEARTBEAT = 0x700
+#: Share of the rows without a signal from which it is one of a slower frame, not one with frames that were lost.
+_SELDOM = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,26 +106,33 @@ def records_of(
         When the log does not show what the frames carry, or holds no move.
     """
     seen = objects_seen(log)
-    node, found = _node_with_position(log, seen, node)
+    node, found, also = _node_with_position(log, seen, node)
     profile = profile_of(seen, node)
     before = torque_acts == "before" or (torque_acts is None and profile.torque_sampling == "after")
     rows = _rows(log, found)
     place = rows.columns[("sent", (_POSITION, 0))]
     rows.clock = row_times(log.t_s[rows.frames], place, rows.synchronous, _cycle_s(seen), period_s)
-    notes = [*log.notes, *rows.clock.notes, f"drive: {profile.title}, node {node}", _torque_words(torque_acts, before, profile)]
+    others = [f"node {number} sends its position, too: its moves are read with --node {number}" for number in also]
+    notes = [
+        *log.notes,
+        *others,
+        *rows.clock.notes,
+        f"drive: {profile.title}, node {node}",
+        _torque_words(torque_acts, before, profile),
+    ]
     made = []
-    left = 0
+    homing, short = 0, 0
     for stretch in _stretches(rows, seen, node, period_s):
         begin = int(rows.frames[stretch[0]])
-        units = units_of(seen, node, axis, begin)
-        record = _record(log, rows, stretch, units, before, _mode_at(seen, node, begin), [*notes, *units.notes])
-        if record is None:
-            left += 1
-        else:
-            made.append(record)
+        units, mode = units_of(seen, node, axis, begin), _mode_at(seen, node, begin)
+        homing += len(stretch) * (mode == _HOMING)
+        record = _record(log, rows, stretch, units, before, mode, [*notes, *units.notes])
+        made += [record] if record is not None else []
+        moved = np.ptp(rows.columns[("sent", (_POSITION, 0))][stretch]) > 0.0
+        short += len(stretch) * bool(record is None and mode != _HOMING and moved)
     early = _before_the_setup(log, seen, node)
     taken = sum(len(record.table.columns["t_s"]) for record in made)
-    balance = _balance(log, node, rows, early, taken, len(made))
+    balance = _balance(log, node, rows, early, taken, len(made), homing, short)
     if not made:
         standing = " or give the SYNC's rate with --rate" if rows.clock.standing.any() else ""
         raise DataError(
@@ -130,6 +140,7 @@ def records_of(
             f"record while the axis moves, from before the drive is set up{standing}"
         )
     lost = [f"{early} frames with the position before the set-up"] * (early > _FEWEST_SYNCS)
+    lost += ["what stands behind a clock that goes back"] * _boots_late(log, rows, node)
     lost += [f"{int(rows.clock.standing.sum())} rows with standing stamps"] * bool(rows.clock.standing.any())
     made[0] = _with_note(made[0], balance, " and ".join(lost))
     return made
@@ -149,7 +160,16 @@ def _before_the_setup(log: FrameLog, seen: list[Seen], node: int) -> int:
     return int(np.isin(log.identifier[:first], known).sum())
 
 
-def _balance(log: FrameLog, node: int, rows: _Rows, early: int, taken: int, moves: int) -> str:
+def _boots_late(log: FrameLog, rows: _Rows, node: int) -> bool:
+    """True if the drive boots behind a clock that goes back and not before: what stands there may have come first, in another file."""
+    breaks = np.flatnonzero(rows.clock.broken)
+    if not len(breaks):
+        return False
+    boots = np.flatnonzero((log.identifier == _HEARTBEAT + node) & (log.length == 1) & (log.data[:, 0] == 0) & ~log.remote)
+    return bool(len(boots)) and bool(boots[0] >= rows.frames[breaks[0] - 1])
+
+
+def _balance(log: FrameLog, node: int, rows: _Rows, early: int, taken: int, moves: int, homing: int, short: int) -> str:
     """Account of all frames and rows of a log, in words."""
     size = len(log.t_s)
     read = f"all {size}" if log.in_file == size else f"{size} of {log.in_file}" if log.in_file else f"{size}"
@@ -158,9 +178,23 @@ def _balance(log: FrameLog, node: int, rows: _Rows, early: int, taken: int, move
     words = [f"{read} frames of the file were read, {log.of_node(node)} of node {node}"]
     twice = log.doubled()
     words += [f"{twice} stand there twice at the same time"] * (twice > 0)
-    words += [f"not read are {early} frames with the position before the set-up, which the log does not explain"] * (early > 0)
+    unexplained = f"not read are {early} frames with the position before the set-up, which the log does not explain"
+    words += [f"{unexplained} (where a file before it does, join the two)"] * (early > 0)
+    without = len(rows.frames) - there - early
+    words += [f"{without} of {len(rows.frames)} SYNCs came without a position"] * (without > _FEWEST_SYNCS)
     words += [f"{standing} rows have standing stamps and no known period, and were left out"] * (standing > 0)
-    where = f"{max(there - standing - taken, 0)} with the stage off, at rest or homing"
+    if begins_in_motion(rows.columns[("sent", (_POSITION, 0))]):
+        words.append("the first rows are in motion already, so the beginning of that move is not in the log")
+    gone = holes(rows.clock, rows.columns[("sent", (_POSITION, 0))])
+    if gone:
+        longest = max(gone, key=lambda hole: hole[1])
+        words.append(
+            f"in {len(gone)} places no row came while the axis moved, the longest {longest[1]:.4g} s from {longest[0]:.4g} s on: "
+            "what was done there is not in the log, and a move is cut there"
+        )
+    where = f"{max(there - standing - taken - homing - short, 0)} with the stage off or at rest"
+    where += f", {homing} in the mode of homing (6060h is 6)" if homing else ""
+    where += f", {short} in stretches that are shorter than {_SHORTEST_S:g} s" if short else ""
     return "; ".join([*words, f"of {there} rows with the position {taken} are in moves ({moves}), {where}"])
 
 
@@ -190,21 +224,27 @@ def readable(log: FrameLog) -> int:
     return sum(len(values.raw) for values in found if values is not None)
 
 
-def _node_with_position(log: FrameLog, seen: list[Seen], node: int | None) -> tuple[int, dict[tuple[str, Place], ObjectSamples]]:
+def _node_with_position(
+    log: FrameLog, seen: list[Seen], node: int | None
+) -> tuple[int, dict[tuple[str, Place], ObjectSamples], tuple[int, ...]]:
+    """The node that is asked for, else that with the most frames with a position; its samples, and other nodes that have some."""
     numbers = sorted({item.node for item in seen}) if node is None else [node]
     best: tuple[int, dict[tuple[str, Place], ObjectSamples]] | None = None
+    sizes: dict[int, int] = {}
     for number in numbers:
         found = samples(log, seen, number, SIGNED)
-        size = len(found[("sent", (_POSITION, 0))].raw) if ("sent", (_POSITION, 0)) in found else 0
-        if size and (best is None or size > len(best[1][("sent", (_POSITION, 0))].raw)):
+        sizes[number] = len(found[("sent", (_POSITION, 0))].raw) if ("sent", (_POSITION, 0)) in found else 0
+        if sizes[number] and (best is None or sizes[number] > sizes[best[0]]):
             best = number, found
     if best is None:
         shown = "the log shows no SDO access to the PDO mapping (1A00h)" if not any(pdos(seen, n) for n in numbers) else "no PDO carries it"
         raise DataError(
             f"{log.file}: which frames carry the position 6064h cannot be told, {shown}. On the bus are {log.summary()}. Record from "
-            "before the drive is set up, or say what the frames carry: --signal 6064h=181:0:i32 (COB-ID, first byte, type), or --dbc FILE"
+            "before the drive is set up (if that is in a file before this one, join them into one), or say what the frames carry: --signal "
+            "6064h=181:0:i32 (COB-ID, first byte, type), or --dbc FILE"
         )
-    return best
+    chosen = best[0]
+    return *best, tuple(number for number, size in sizes.items() if size and number != chosen)
 
 
 def _rows(log: FrameLog, found: Mapping[tuple[str, Place], ObjectSamples]) -> _Rows:
@@ -289,19 +329,28 @@ def _record(
             if ("sent", place) in raw:
                 raw[("sent", place)] = rows.columns[("sent", place)][following]
     columns = {"t_s": t_s - t_s[0], **_columns(raw, units, mode)}
-    torque = next((name for name in ("torque_nm", "current_a", "6077h", "6078h") if name in columns), None)
-    lost = np.zeros(len(stretch), dtype=bool)
     words = list(notes)
-    if torque is not None:
-        lost = ~np.isfinite(columns[torque])
-        if lost[:-1].any():
-            words.append(f"{int(lost[:-1].sum())} rows without a torque left out")
-    columns = {name: column[~lost] for name, column in columns.items()}
+    columns = _whole_rows(columns, words)
     if len(columns["t_s"]) < 3:
         return None
     units_beside = {"6077h": "per mille of rated torque", "6078h": "per mille of rated current"}
     table = Table(log.file, columns, {name: unit for name, unit in units_beside.items() if name in columns}, tuple(words))
     return BusRecord(table, float(t_s[0]), *_what_was_done(columns, mode))
+
+
+def _whole_rows(columns: dict[str, Array], words: list[str]) -> dict[str, Array]:
+    """Rows in which nothing is missing, for a frame that a damaged line held must not cost the move; signals that seldom came are left."""
+    torque = next((name for name in ("torque_nm", "current_a", "6077h", "6078h") if name in columns), "")
+    missing = {name: ~np.isfinite(column) for name, column in columns.items()}
+    for name in [name for name, mask in missing.items() if mask.mean() > _SELDOM and name not in ("position_rad", torque)]:
+        words.append(f"{name} came in {int((~missing.pop(name)).sum())} of {len(columns['t_s'])} rows and is left out")
+        columns = {other: column for other, column in columns.items() if other != name}
+    lost = np.zeros(len(columns["t_s"]), dtype=bool)
+    for name, mask in missing.items():
+        if (mask & ~lost)[:-1].any():
+            words.append(f"{int((mask & ~lost)[:-1].sum())} rows without {'a torque' if name == torque else name} left out")
+        lost |= mask
+    return {name: column[~lost] for name, column in columns.items()}
 
 
 def _columns(raw: Mapping[tuple[str, Place], Array], units: LogUnits, mode: int | None) -> dict[str, Array]:
@@ -341,77 +390,8 @@ def _columns(raw: Mapping[tuple[str, Place], Array], units: LogUnits, mode: int 
 
 def _what_was_done(columns: Mapping[str, Any], mode: int | None) -> tuple[str, bool, ExcitationNote | None]:
     if mode in _VELOCITY_MODES or mode in _POSITION_MODES:
-        sweep = _is_sweep(columns.get("reference_velocity_rad_s"))
+        sweep = is_sweep(columns.get("reference_velocity_rad_s"))
         return ("friction_sweep" if sweep else "trajectory" if mode in _POSITION_MODES else "free"), True, None
     setpoint = columns.get("torque_setpoint_nm")
-    note = _excitation_of(setpoint) if setpoint is not None and mode in _TORQUE_MODES else None
+    note = excitation_of(setpoint) if setpoint is not None and mode in _TORQUE_MODES else None
     return ("frf" if note is not None else "free"), False, note
-
-
-#: A period is at least so long; fewer samples are a square wave.
-_SHORTEST = 64
-#: More candidates than these are not tried.
-_CANDIDATES = 12
-#: Levels of a switched signal around its offset, ends and rest included.
-_SWITCHED = 4
-
-
-def _excitation_of(setpoint: Array) -> ExcitationNote | None:
-    """Kind, period and first sample of a setpoint that repeats exactly at least twice; None when it does not.
-
-    Parameters
-    ----------
-    setpoint : ndarray (n,)
-        As it was sent, so that equal samples are equal numbers. The first period, in which the axis still swings in, is left out where
-        three or more are there.
-    """
-    moves = np.flatnonzero(np.diff(setpoint)) + 1
-    if len(moves) < 10:
-        return None
-    first, last = int(moves[0]), int(moves[-1])
-    excited = setpoint[first : last + 1]
-    if len(excited) < 2 * _SHORTEST:
-        return None
-    best: tuple[int, int, int] | None = None  # samples that repeat, where they begin, period
-    for period in _likely_periods(excited):
-        begin, run = _longest_run(excited[period:] == excited[:-period])
-        if run >= period and (best is None or run + period > 1.05 * best[0]):
-            best = run + period, begin, period
-    if best is None:
-        return None
-    length, begin, period = best
-    begins = first + begin + (period if length >= 3 * period else 0)
-    block = setpoint[first + begin : first + begin + period]
-    switched = len(np.unique(block)) <= _SWITCHED
-    return ExcitationNote("prbs" if switched else "multisine", float(np.abs(excited).max()), period, begins)
-
-
-def _is_sweep(reference_velocity: Array | None) -> bool:
-    """True for a speed that was asked for and rests most of the time on two or more levels that are not zero: a friction sweep."""
-    if reference_velocity is None or not reference_velocity.any():
-        return False
-    largest = float(np.abs(reference_velocity).max())
-    level = np.round(reference_velocity / (0.005 * largest))
-    rests = (np.diff(level, prepend=level[0]) == 0.0) & (np.abs(level) > 1.0)
-    _, counts = np.unique(np.abs(level[rests]), return_counts=True)
-    long = counts[counts >= 0.02 * len(level)]
-    return len(long) >= 2 and bool(long.sum() > 0.5 * len(level))
-
-
-def _likely_periods(excited: Array) -> list[int]:
-    """Lags at which the autocorrelation has its highest peaks, shortest first."""
-    centred = excited - excited.mean()
-    size = 1 << int(np.ceil(np.log2(2 * len(centred))))
-    spectrum = np.fft.rfft(centred, size)
-    correlation = np.fft.irfft(spectrum * np.conj(spectrum), size)[: len(centred)]
-    lags = np.arange(len(centred))
-    share = correlation / np.maximum(len(centred) - lags, 1) / max(float(correlation[0]) / len(centred), 1e-300)
-    usable = lags[_SHORTEST : len(centred) // 2 + 1]
-    peaks = [int(k) for k in usable if share[k] > 0.7 and share[k] >= share[k - 1] and (k + 1 >= len(share) or share[k] >= share[k + 1])]
-    return sorted(sorted(peaks, key=lambda k: -share[k])[:_CANDIDATES])
-
-
-def _longest_run(equal: BoolArray) -> tuple[int, int]:
-    """Start and length of the longest run of True."""
-    start, end = max(runs_of(equal), key=lambda run: run[1] - run[0], default=(0, 0))
-    return start, end - start

@@ -98,9 +98,10 @@ def _parts_of(path: Path, reading: Reading, axis: Axis) -> list[Part]:
     if reading.edges is not None:
         raise UsageError(f"--edges gives a table its position, and {path} is a log of frames, which has one; leave it out")
     from beltcomm.foreign.busrecords import readable, records_of
+    from beltcomm.foreign.doubles import without_doubles
     from beltcomm.foreign.logclock import in_order
 
-    log = in_order(read_frames(path, reading.channel).without_doubles(), readable)
+    log = in_order(without_doubles(read_frames(path, reading.channel, readable)), readable)
     if reading.signals or reading.dbc:
         from beltcomm.foreign.signals import by_hand, of_dbc, table_of_signals
 

@@ -47,6 +47,10 @@ _ASC_STAMP = re.compile(r"\s*(-?\d+\.\d+)\s")
 _ASC_BASE = re.compile(r"\s*base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.I)
 
 
+#: Lines that an .asc has beside its frames; those with a stamp and words are events.
+_ASC_WORDS = re.compile(r"\s*(-?\d+\.\d+\s+[A-Za-z]|date\b|base\b|(no\s+)?internal\b|begin\b|end\b|//|previous\b|$)", re.I)
+
+
 class LoggedFrame(NamedTuple):
     """One classic frame; time_ns is None without a stamp, identifier has bit 31 set when it is an extended one."""
 
@@ -306,6 +310,8 @@ def asc_frames(path: Path, others: Others) -> Iterator[LoggedFrame]:
         stamp = _ASC_STAMP.match(line)
         now = _stamp(stamp[1]) + now * relative if stamp else now
         if not _ASC_EVENT.match(line):
+            if not _ASC_WORDS.match(line):
+                others.line(number)
             continue
         try:
             frame = _asc_frame(line, base, now)

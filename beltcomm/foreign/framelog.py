@@ -42,6 +42,9 @@ _SHORTEST_TURN_NS = 1_000_000_000
 #: ns within which both sides of a turn lie to it.
 _AT_TURN_NS = 1_000_000_000
 
+#: Correlation of a clock's stamps with the count of the frames; that of the times between frames is near 0.
+_OF_A_CLOCK = 0.7
+
 #: Damaged stamps end here, that differences of two fit; and what stands for none.
 _LAST_NS = 1 << 61
 _NO_STAMP = -(1 << 62)
@@ -51,10 +54,10 @@ _FIRST_OWN, _END_OWN = 0x80, 0x780
 
 #: Identifiers of a summary.
 _MOST_LISTED = 12
-#: Share of the frames with content that stand there twice, from which the log was written twice.
-_DOUBLED = 0.05
 #: Interfaces that are told apart.
 _MOST_CHANNELS = 1000
+#: Of them are looked into for a drive.
+_MOST_TRIED = 8
 _TRUE = {"1", "true", "yes", "x"}
 
 
@@ -84,17 +87,6 @@ class FrameLog:
             same &= column[order[1:]] == column[order[:-1]]
         return int(same.sum())
 
-    def without_doubles(self) -> FrameLog:
-        """The log without frames that repeat the one just before; as it is where hardly any with content does, for a clock may stand."""
-        columns = (self.t_s, self.identifier, self.length, self.remote, *self.data.T)
-        again = np.append(False, np.logical_and.reduce([column[1:] == column[:-1] for column in columns])) if len(self.t_s) else self.remote
-        filled = self.length > 0
-        if not again.any() or again[filled].sum() <= _DOUBLED * filled.sum():
-            return self
-        said = f"{int(again.sum())} frames that repeat the one before at the same time left out, as two sockets on one bus write them"
-        kept = {name: getattr(self, name)[~again] for name in ("t_s", "identifier", "remote", "length", "data")}
-        return replace(self, **kept, notes=(*self.notes, said), in_file=self.in_file or len(again))
-
     def of_node(self, node: int) -> int:
         """Number of frames with one of the node's own identifiers (CiA 301, predefined connection set).
 
@@ -117,14 +109,16 @@ class FrameLog:
         return ", ".join(lines)
 
 
-def read_frames(path: Path, channel: str | None = None) -> FrameLog:
+def read_frames(path: Path, channel: str | None = None, readable: Callable[[FrameLog], int] | None = None) -> FrameLog:
     """All classic data and remote frames of one interface, in the order of the file.
 
     Parameters
     ----------
     path : Path
     channel : str or None
-        The interface, such as can0; None takes the one with the most frames and says so.
+        The interface, such as can0; None takes the one with the most readable frames, else with the most frames, and says so.
+    readable : callable or None
+        Counts the frames of a log that are understood: the busiest interface need not be that of the drive.
 
     Raises
     ------
@@ -153,10 +147,22 @@ def read_frames(path: Path, channel: str | None = None) -> FrameLog:
     names = frames.channels_by_count()
     if channel is not None and channel not in names:
         raise UsageError(f"{path} has no frames of the interface {channel!r}; it has {', '.join(names)}")
-    chosen = channel or names[0]
+    logs = [_log_of(path, frames, name, in_file) for name in ([channel] if channel else names[:_MOST_TRIED])]
+    counts = [readable(log) if readable is not None and len(logs) > 1 else 0 for log in logs]
+    chosen = int(np.argmax(counts))
     if len(names) > 1:
-        notes.append(f"only the frames of {chosen} are taken, not those of {', '.join(n for n in names if n != chosen)}: see --channel")
-    taken = frames.of_channel(chosen)
+        others_there = ", ".join(name for name in names if name != (channel or names[chosen]))
+        notes.append(f"only the frames of {channel or names[chosen]} are taken, not those of {others_there}: see --channel")
+        also = [name for k, name in enumerate(names[: len(counts)]) if k != chosen and counts[k]]
+        if also:
+            notes.append(f"on {', '.join(also)} a drive sends its position, too: its moves are read with --channel")
+    return replace(logs[chosen], notes=(*notes, *logs[chosen].notes))
+
+
+def _log_of(path: Path, frames: _Frames, channel: str, in_file: int) -> FrameLog:
+    """The frames of one interface; its notes are on their stamps."""
+    taken = frames.of_channel(channel)
+    notes: list[str] = []
     return FrameLog(
         str(path),
         _risen(taken["time_ns"], notes),
@@ -245,6 +251,8 @@ def _by_python_can(path: Path, reader: str, others: Others) -> Iterator[LoggedFr
         # opened here, for a reader that fails in its first line leaves the file open
         with opened(path) if reader == "BLFReader" else opened_text(path) as file:
             messages = getattr(can, reader)(file)
+            if reader == "TRCReader":
+                messages._parse_line = _patient(messages._parse_line)
             there = int(getattr(messages, "object_count", 0))
             for message in messages:
                 number += 1
@@ -262,6 +270,18 @@ def _by_python_can(path: Path, reader: str, others: Others) -> Iterator[LoggedFr
     if reader == "TRCReader":  # it passes over what it does not understand, remote frames too, and does not say so
         there = sum(bool(line.strip()) and not line.lstrip().startswith(";") for _, line in lines_of(path, others))
     others.count = max(there, number) - taken
+
+
+def _patient(parse: Callable[[str], Any]) -> Callable[[str], Any]:
+    """A reader of one line for which a damaged one is none: python-can's ends there, and all that follows would be lost."""
+
+    def parsed(line: str) -> Any:
+        try:
+            return parse(line)
+        except ValueError:
+            return None
+
+    return parsed
 
 
 def frames_apart(kind: Kind, path: Path) -> Table:
@@ -285,13 +305,20 @@ def _risen(stamps: IntArray, notes: list[str]) -> Array:
     if without.any():
         return np.where(without, np.nan, stamps * 1e-9)
     exact = stamps
-    if len(exact) > 2 and (np.mean(np.diff(exact) < 0) > 0.1 or _are_steps(exact)):
+    if len(exact) > 2 and ((np.mean(np.diff(exact) < 0) > 0.1 and not _rises(exact)) or _are_steps(exact)):
         notes.append("the stamps are the times between frames (candump -t d); they were added up")
         exact = np.cumsum(exact)
     exact, turned = _without_turns(exact)
     notes += [turned] * bool(turned)
     since: Array = np.round((exact - exact[0]) * 1e-9, 9)
     return since
+
+
+def _rises(stamps_ns: IntArray) -> bool:
+    """True if the stamps rise with the frames on the whole: a clock, though neighbours changed places."""
+    if not np.ptp(stamps_ns):
+        return False
+    return float(np.corrcoef(np.arange(len(stamps_ns)), stamps_ns - stamps_ns[0])[0, 1]) > _OF_A_CLOCK
 
 
 def _are_steps(stamps_ns: IntArray) -> bool:

@@ -20,6 +20,7 @@ from beltcomm.foreign.names import Confidence, Meaning, by_unit, meaning_of, quo
 from beltcomm.foreign.relations import relations
 from beltcomm.foreign.spellings import plain_unit
 from beltcomm.foreign.table import Table
+from beltcomm.foreign.twins import twins_of_ours, with_place
 from beltcomm.quantities import UNITS
 from beltcomm.recording.columns import CHANNELS, KNOWN_COLUMNS, Side
 
@@ -55,9 +56,6 @@ class Guess:
     why: str
     needed: bool = True
 
-
-#: What tells columns of one name apart: an index behind it.
-_INDEX = re.compile(r"[_ ]?\d+$")
 
 #: Names of a voltage or of the share of it that a motor gets.
 _VOLTAGE = re.compile(r"volt|spannung|pwm|duty|(^|[_ .])u[aqm]?$", re.IGNORECASE)
@@ -107,7 +105,7 @@ def completed(
     UsageError
     """
     sources = sources_for(table, written, KNOWN_COLUMNS)
-    twins = _twins_of_ours(table, sources)
+    twins = [_either(table, names) for names in twins_of_ours(table, sources)]
     sources = {name: source for name, source in sources.items() if name not in {guess.column for guess in twins}}
     _refuse_mixed(sources)
     if not twins and _makes_a_recording(sources, timed):
@@ -146,17 +144,10 @@ def _refuse_mixed(sources: Mapping[str, Source]) -> None:
     )
 
 
-def _twins_of_ours(table: Table, sources: Mapping[str, Source]) -> list[Guess]:
-    """Columns of the file that have a name of ours, and others that differ from it by case or an index alone: which one is to be asked."""
-    found = []
-    for column, source in sources.items():
-        if source.theirs != column or source.written != column:  # the user's word
-            continue
-        twins = [name for name in table.columns if name != column and _INDEX.sub("", Table.bare(name)).lower() == column]
-        if twins:
-            why = f"{', '.join(_with_place(table, name) for name in (column, *twins[:3]))} could be meant"
-            found.append(Guess(column, tuple(f"{column}={quoted(name)}" for name in (column, *twins)), "likely", why))
-    return found
+def _either(table: Table, names: Sequence[str]) -> Guess:
+    """The question which of some columns is meant; the first has our name."""
+    why = f"{', '.join(with_place(table, name) for name in names[:4])} could be meant"
+    return Guess(names[0], tuple(f"{names[0]}={quoted(name)}" for name in names), "likely", why)
 
 
 def _guesses_for(table: Table, sources: Mapping[str, Source], axis: Axis, *, timed: bool) -> list[Guess]:
@@ -195,6 +186,8 @@ def _guesses_for(table: Table, sources: Mapping[str, Source], axis: Axis, *, tim
         guess = _signal(table, column, [m for m in beside if m.name not in taken], axis, ratio, role)
         if column not in sources and guess.confidence == "sure":
             found.append(replace(guess, needed=False))
+        elif column == channels["velocity"] and column not in sources and guess.choices:
+            found = [replace(guess, needed=True) if g.column == channels["position"] and not g.choices else g for g in found]
     found += [replace(g, needed=False) for g in _second_sensors(meanings, sources, taken)]
     return _by_numbers(table, _from_speed_alone(found, channels), sources, channels, axis)
 
@@ -370,16 +363,13 @@ def _signal(table: Table, column: str, meanings: Sequence[Meaning], axis: Axis, 
     if not scaled:
         return Guess(column, (), "unsure", "no column of the file is called so")
     first, choices, confidence, why = scaled[0]
-    rivals = [m for m, *_ in scaled[1:] if m.role == first.role and m.by_name >= first.by_name]
+    # "Torque" beside "actual torque" is another one as often as the same: a word that one of them bears makes none sure
+    rivals = [m for m, *_ in scaled[1:] if m.by_name >= first.by_name]
     others = tuple(item[1][0] for item in scaled[1:4] if item[1])
     if rivals:
-        words = f"{why}; {', '.join(_with_place(table, m.name) for m in (first, *rivals[:3]))} could be meant"
+        words = f"{why}; {', '.join(with_place(table, m.name) for m in (first, *rivals[:3]))} could be meant"
         return Guess(column, (*choices, *others), "likely" if confidence == "sure" else confidence, words)
     return Guess(column, (*choices, *others), confidence, why)
-
-
-def _with_place(table: Table, name: str) -> str:
-    return f"{name!r} (c{list(table.columns).index(name) + 1})"
 
 
 def _second_sensors(meanings: Sequence[Meaning], sources: Mapping[str, Source], taken: set[str]) -> list[Guess]:

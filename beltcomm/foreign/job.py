@@ -152,12 +152,17 @@ def _parts_imported(
     reading = replace(reading, mapping=mapping)
     found: list[store.Imported] = []
     refused: list[DataError] = []
+    first: Part | None = None
     for part in parts:
         own = name if part.number is None or len(parts) == 1 else f"{name}_{part.number}"
         done = _what_was_done(sidecar, part, parts[0], reading, axis)
-        noted = replace(part, table=replace(part.table, notes=(*guessed, *part.table.notes) if part is parts[0] else _new(part, parts[0])))
+        # the account of a log is the last note of its first move, which may be one that is left out
+        account = tuple(note for note in parts[0].table.notes[-1:] if note not in part.table.notes)
+        told = _new(part, first) if first is not None else (*guessed, *part.table.notes, *account)
+        noted = replace(part, table=replace(part.table, notes=told))
         try:
             found.append(store.imported(file, own, reading, done, axis, noted))
+            first = first or part
         except DataError as error:
             refused.append(error)
             left_out.append(f"Move {part.number} at {part.start_s:.4g} s of the log was left out: {error}")
@@ -167,7 +172,7 @@ def _parts_imported(
 
 
 def _new(part: Part, first: Part) -> tuple[str, ...]:
-    """Notes of a move that the first one did not have."""
+    """Notes of a move that the first one that is taken did not have."""
     return tuple(note for note in part.table.notes if note not in first.table.notes)
 
 

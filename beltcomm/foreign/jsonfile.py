@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from beltcomm.errors import DataError
-from beltcomm.foreign.arrays import table_of
+from beltcomm.foreign.arrays import numbered, table_of
 from beltcomm.foreign.table import Table, words_of
 from beltcomm.outside import from_json, opened
 
@@ -33,15 +33,20 @@ def read_json(path: Path) -> Table:
         text = file.read()
     try:
         try:
-            found = from_json(text)
+            found = from_json(text, members=_apart)
         except ValueError:
             lines = [line for line in text.splitlines() if line.strip()]
             if len(lines) < _FEWEST or lines[0].lstrip()[:1] not in (b"{", b"["):
                 raise
-            found = [from_json(line) for line in lines]  # one record on each line
+            found = [from_json(line, members=_apart) for line in lines]  # one record on each line
     except ValueError as error:
         raise DataError(f"{path} cannot be read as JSON ({words_of(error)}); is it cut off?") from error
     return table_of(path, as_columns(found))
+
+
+def _apart(members: list[tuple[str, Any]]) -> dict[str, Any]:
+    """An object in which members of one name are kept, as columns of one name are: JSON keeps the last of them."""
+    return dict(zip(numbered([name for name, _ in members]), (value for _, value in members), strict=True))
 
 
 def as_columns(found: Any) -> dict[str, Any]:
@@ -102,7 +107,7 @@ def _of_records(records: list[dict[str, Any]]) -> dict[str, Any]:
 
 def _of_rows(names: list[str], rows: list[Any]) -> dict[str, Any]:
     whole = [row for row in rows if isinstance(row, list) and len(row) == len(names)]
-    return {name: _numbers(list(column)) for name, column in zip(names, zip(*whole, strict=True), strict=False)}
+    return {name: _numbers(list(column)) for name, column in zip(numbered(names), zip(*whole, strict=True), strict=False)}
 
 
 def _numbers(values: list[Any]) -> Any:

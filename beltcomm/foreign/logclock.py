@@ -17,7 +17,7 @@ from beltcomm.arrays import Array, BoolArray, runs_of
 from beltcomm.foreign.framelog import FrameLog
 
 #: s, by which stamps of frames in the right order may go back: queues of a controller, not another file.
-_QUEUE_S = 5e-3
+QUEUE_S = 5e-3
 #: s between two files of one logger that follow each other.
 _SEAM_S = 1.0
 _MOST_PARTS = 1000
@@ -27,6 +27,8 @@ _STANDING = 20
 _FEWEST_STEPS = 50
 #: Rows on either side by which motion is seen to go on.
 _BESIDE = 10
+#: Counts between which a position changes at rest.
+_AT_REST = 4.0
 #: A pause longer than this many periods, and than this time, parts two moves.
 PAUSE_PERIODS, PAUSE_S = 20.0, 0.05
 
@@ -43,13 +45,17 @@ def in_order(log: FrameLog, readable: Callable[[FrameLog], int]) -> FrameLog:
     """
     if not np.isfinite(log.t_s).all():
         return log
-    starts = [0, *(np.flatnonzero(np.diff(log.t_s) < -_QUEUE_S) + 1).tolist()]
+    starts = [0, *(np.flatnonzero(np.diff(log.t_s) < -QUEUE_S) + 1).tolist()]
     if not 1 < len(starts) <= _MOST_PARTS:
         return log
-    parts = [np.arange(a, b) for a, b in zip(starts, [*starts[1:], len(log.t_s)], strict=True)]
+    steps = np.diff(log.t_s)
+    # of three files the third may stand behind the first
+    finer = [0, *(np.flatnonzero((steps < -QUEUE_S) | (steps > PAUSE_S)) + 1).tolist()]
+    starts_of_parts = finer if len(finer) <= _MOST_PARTS else starts
+    parts = [np.arange(a, b) for a, b in zip(starts_of_parts, [*starts_of_parts[1:], len(log.t_s)], strict=True)]
     by_stamp = sorted(parts, key=lambda part: float(log.t_s[part[0]]))
-    gaps = [float(log.t_s[b[0]] - log.t_s[a[-1]]) for a, b in pairwise(by_stamp)]
-    if min(gaps) < -_QUEUE_S:  # the parts overlap: a clock that was set, or begins at zero again
+    gaps = [float(log.t_s[b[0]] - log.t_s[a[-1]]) for a, b in pairwise(by_stamp) if b[0] != a[-1] + 1]
+    if not gaps or min(gaps) < -QUEUE_S:  # the parts overlap: a clock that was set, or begins at zero again
         return log
     sorted_log = _picked(log, np.concatenate(by_stamp))
     gain = readable(sorted_log) - readable(log)
@@ -57,8 +63,8 @@ def in_order(log: FrameLog, readable: Callable[[FrameLog], int]) -> FrameLog:
         return log
     first = log.t_s[starts[1] - 1] - log.t_s[starts[1]]
     note = (
-        f"the file's stamps go back by {first:.6g} s at frame {starts[1] + 1}: it is {len(parts)} parts joined in another order than they "
-        "were logged; they were put in the order of their stamps"
+        f"the file's stamps go back by {first:.6g} s at frame {starts[1] + 1}: it is {len(gaps) + 1} parts joined in another order than "
+        "they were logged; they were put in the order of their stamps"
     )
     return replace(sorted_log, notes=(*log.notes, note))
 
@@ -125,6 +131,49 @@ def row_times(t_s: Array, position: Array, synchronous: bool, cycle_s: float | N
         return RowTimes(t_s, broken, standing)
     mended[broken[1:]] = period or 0.0
     return RowTimes(np.round(t_s[0] + np.concatenate(([0.0], np.cumsum(mended))), 9), broken, standing, tuple(notes))
+
+
+def holes(clock: RowTimes, position: Array) -> list[tuple[float, float]]:
+    """Where no row came while the axis moved: just before, just after, or from one place to another; begin and length of each, s.
+
+    Parameters
+    ----------
+    clock : RowTimes
+    position : ndarray (n,)
+        In counts, NaN where none came.
+    """
+    steps = np.diff(clock.t_s)
+    rising = steps[steps > 0.0]
+    if len(rising) < _FEWEST_STEPS:
+        return []
+    long = np.flatnonzero((steps > max(PAUSE_PERIODS * float(np.median(rising)), PAUSE_S)) & ~clock.broken[1:])
+    found = []
+    for k in long.tolist():
+        beside = position[max(0, k - _BESIDE) : k + 1], position[k + 1 : k + 2 + _BESIDE]
+        whole = [part[np.isfinite(part)] for part in beside]
+        # elsewhere than before: a whole move is missing, its rests too
+        elsewhere = bool(len(whole[0]) and len(whole[1])) and abs(float(whole[1][0] - whole[0][-1])) > _AT_REST
+        if elsewhere or _moves(position[: k + 1], -1) or _moves(position[k + 1 :], 1):
+            found.append((float(clock.t_s[k]), float(steps[k])))
+    return found
+
+
+def begins_in_motion(position: Array) -> bool:
+    """True if the axis moves in the first rows, so that the beginning of that move is not there.
+
+    Parameters
+    ----------
+    position : ndarray (n,)
+        In counts, NaN where none came.
+    """
+    return _moves(position, 1)
+
+
+def _moves(position: Array, side: int) -> bool:
+    """True if the first rows (side 1), or the last (-1), lie apart by more than counts that come and go at rest."""
+    beside = position[:_BESIDE] if side > 0 else position[-_BESIDE:]
+    known = beside[np.isfinite(beside)]
+    return len(known) > 1 and abs(float(known[-1] - known[0])) > _AT_REST
 
 
 def _period(clean: Array, synchronous: bool, cycle_s: float | None) -> float | None:

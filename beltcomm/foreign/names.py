@@ -52,11 +52,13 @@ _PARTS: tuple[tuple[Quantity, str], ...] = (
     ("torque", "torque|moment(?!um)|trq"),
     ("velocity", "velocity|geschwind|drehzahl|speed"),
     ("current", "current|strom"),
-    ("position", "position|winkel|lage|encoder|geber"),
+    ("position", "position|winkel|angle|lage|encoder|geber"),
     ("force", "force|kraft"),
     ("time", "timestamp|zeitstempel|zeit"),
 )
 
+#: "no" and "nr" count something, unless they number the axis.
+_NUMBERED = re.compile(r"(?<![A-Za-z])(no|nr|number|nummer)\.?[_ ]*(?=\d)", re.IGNORECASE)
 _COUNTS_OF_BITS = r"counts?(\d{1,2})bit"
 #: Positions that are angles: a letter m behind them is the motor's, no metre.
 _ANGLES = r"angle|ang|winkel|theta|phi|rotor"
@@ -123,13 +125,13 @@ def meaning_of(table: Table, name: str) -> Meaning | None:
     if number and number[1].upper() in _OBJECTS:
         known = _OBJECTS[number[1].upper()]
         return Meaning(name, known[0], known[1], True, special=known[2])
-    words, ending = _words(re.sub(r"[_ ]\d+$", "", Table.bare(name)))
+    words, ending = _words(re.sub(r"[_ .]\d+$", "", _NUMBERED.sub(" ", Table.bare(name))))
     if not stated and ending:
         stated = ending
-    if any(_fits(word, _OTHERS) for word in words):
+    if any(_fits(word, _OTHERS) or word.endswith(_OTHER_ENDS) for word in words):
         return None
     role = _role(words)
-    load = any(_fits(word, _LOAD) for word in words)
+    load = any(_fits(word, _LOAD) or word.startswith(_LOAD_BEGINS) for word in words)
     suffix, by_unit = _suffix(stated)
     by_name = _quantity(words)
     special = "counts" if stated in COUNTS else "per cent" if stated in PER_CENT else "per mille" if stated in PER_MILLE else ""
@@ -197,12 +199,20 @@ def _quantity(words: list[str]) -> Quantity | None:
     return None
 
 
+#: Compounds that say that a value was asked for ("sollmoment", "positioncommand").
+_SETPOINT_BEGINS = ("soll", "target", "command", "demand", "setpoint", "reference")
+_SETPOINT_ENDS = ("soll", "sollwert", "setpoint", "command", "target", "demand", "reference")
+#: Compounds that are another thing ("torquelimit", "schleppfehler"), and those of a second sensor ("loadposition", "lastwinkel").
+_OTHER_ENDS = ("limit", "fehler", "error", "grenze", "offset", "deviation", "abweichung")
+_LOAD_BEGINS = ("load", "carriage", "schlitten", "lastw", "lastp", "lastl", "abtrieb")
+
+
 def _role(words: list[str]) -> Role:
     """By a word of its own, or as a part of a compound such as "istposition" or "sollmoment"."""
     for role, pattern in _ROLES:
         if any(_fits(word, pattern) for word in words):
             return role
-    if any(word.startswith("soll") or word.endswith(("soll", "sollwert", "setpoint")) for word in words):
+    if any(word.startswith(_SETPOINT_BEGINS) or word.endswith(_SETPOINT_ENDS) for word in words):
         return "setpoint"
     return "actual" if any(word.startswith("ist") or word.endswith(("ist", "istwert", "feedback")) for word in words) else "none"
 

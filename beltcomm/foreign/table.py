@@ -21,7 +21,7 @@ Decimal = Literal["point", "comma"]
 #: A number behind the brackets tells apart columns of one name.
 _UNIT_IN_NAME = re.compile(r"^(.*\S)\s*[\[(]\s*([^\[\]()]*?)\s*[\])](_\d+)?$")
 #: DIN 1313 divides by the unit; what is none there is a part of the name.
-_DIVIDED = re.compile(r"^([^/]*[^/\s])(\s*)/\s*([^\s/]+?(?:/[^\s/]+?)?)(_\d+)?$")
+_DIVIDED = re.compile(r"^([^/]*[^/\s])(\s*)/\s*([^\s/]+?(?:/[^\s/]+?)?|[mckM]?N m)(_\d+)?$")
 _UNITS = {other for unit in UNITS.values() for other in unit.others}
 
 

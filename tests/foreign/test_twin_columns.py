@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +41,15 @@ PAIRS = [
     ("torque_nm", "position_rad", "torque_nm", "position_rad"),
     ("torque_nm", "position_rad", "Torque_NM", "Position_RAD"),
     ("torque_nm", "position_rad", "torque_nm_2", "position_rad_2"),
+    ("torque_nm", "position_rad", "torque_nm.1", "position_rad.1"),
+    ("torque_nm", "position_rad", "torque_nm_b", "position_rad_b"),
+    ("torque_nm", "position_rad", "axis2_torque_nm", "axis2_position_rad"),
+    ("torque_nm", "position_rad", "y.torque_nm", "y.position_rad"),
+    ("torque_nm", "position_rad", "Torque [Nm]", "Position [rad]"),
+    ("Torque [Nm]", "Position [rad]", "Torque no 2 [Nm]", "Position no. 2 [rad]"),
+    ("Drehmoment Nr. 1 [Nm]", "Lage Nr. 1 [rad]", "Drehmoment Nr. 2 [Nm]", "Lage Nr. 2 [rad]"),
+    ("Actual Torque [Nm]", "Actual Position [rad]", "Torque Y [Nm]", "Position Y [rad]"),
+    ("Drehmoment [Nm]", "Istposition [rad]", "Moment [Nm]", "Lage [rad]"),
 ]
 
 
@@ -60,6 +71,84 @@ def test_the_second_axis_is_taken_by_its_place(names: tuple[str, ...], tmp_path:
     assert outcome.exit_code == 0, outcome.output
     (record,) = RunFolder.open(tmp_path / "run").recordings()
     np.testing.assert_allclose(record.torque, 0.5 * TORQUE, rtol=1e-6)
+
+
+X = {"torque_nm": TORQUE.tolist(), "position_rad": POSITION.tolist()}
+Y = {"torque_nm": (0.5 * TORQUE).tolist(), "position_rad": (0.5 * POSITION).tolist()}
+NAMES = ["t_s", *X, *Y]
+ROWS = [list(row) for row in zip(T.tolist(), *X.values(), *Y.values(), strict=True)]
+
+
+def members(names: Sequence[str], values: Sequence[object]) -> str:
+    """A JSON object in which names may repeat."""
+    return "{" + ", ".join(f"{json.dumps(name)}: {json.dumps(value)}" for name, value in zip(names, values, strict=True)) + "}"
+
+
+def signals() -> str:
+    """Signals of one name, each with its values, as a list."""
+    known = [("time", "s", T.tolist()), *((name, unit, side[key]) for side in (X, Y) for name, unit, key in SIGNALS)]
+    return json.dumps([{"name": name, "unit": unit, "values": values} for name, unit, values in known])
+
+
+SIGNALS = (("Torque", "Nm", "torque_nm"), ("Position", "rad", "position_rad"))
+JSON = {
+    "columns": members(NAMES, [T.tolist(), *X.values(), *Y.values()]),
+    "records": "[" + ", ".join(members(NAMES, row) for row in ROWS) + "]",
+    "lines": "\n".join(members(NAMES, row) for row in ROWS),
+    "split, as pandas writes it": json.dumps({"columns": NAMES, "data": ROWS}),
+    "rows below their names": json.dumps([NAMES, *ROWS]),
+    "signals": signals(),
+}
+
+
+@pytest.mark.parametrize("kind", JSON)
+def test_members_of_one_name_in_json_are_all_there(kind: str, tmp_path: Path) -> None:
+    """JSON itself keeps the last of them, the second axis, and says nothing."""
+    path = write(tmp_path / "two.json", JSON[kind])
+    words = ["import", str(path), "--run", str(tmp_path / "run")]
+    outcome = CliRunner().invoke(cli, words)
+    assert outcome.exit_code == 1, outcome.output
+    assert all(place in outcome.output for place in ("(c2)", "(c3)", "(c4)", "(c5)"))
+    outcome = CliRunner().invoke(cli, [*words, "--map", "torque_nm=c2*1", "--map", "position_rad=c3*1"])
+    assert outcome.exit_code == 0, outcome.output
+    (record,) = RunFolder.open(tmp_path / "run").recordings()
+    np.testing.assert_allclose(record.torque, TORQUE, rtol=1e-6)
+
+
+def test_our_own_columns_are_no_twins_of_each_other() -> None:
+    """What a run has beside torque and position: setpoints, references, a second sensor."""
+    beside = (
+        "torque_setpoint_nm",
+        "reference_position_rad",
+        "velocity_rad_s",
+        "load_position_rad",
+        "torque_limit_nm",
+        "position_error_rad",
+    )
+    columns = {"t_s": T, "torque_nm": TORQUE, "position_rad": POSITION} | dict.fromkeys(beside, POSITION)
+    assert completed(Table("log.csv", columns), (), AXIS, timed=True) == ((), ())
+
+
+@pytest.mark.parametrize("names", [("Speed [rad/s]", "Speed [rad/s]_2"), ("Speed",)])
+def test_a_speed_that_is_not_sure_is_asked_for_and_is_no_position(names: tuple[str, ...]) -> None:
+    columns = {"t [s]": T, "Torque [Nm]": TORQUE} | dict.fromkeys(names, POSITION)
+    with pytest.raises(NeedsAnswers) as told:
+        completed(Table("log.csv", columns), (), AXIS, timed=True)
+    assert "velocity_rad_s" in str(told.value)
+    assert "position_rad" not in told.value.template
+
+
+@pytest.mark.parametrize("actual", ["Motorangle_deg", "motor angle [deg]", "Istwinkel [deg]"])
+@pytest.mark.parametrize(
+    "other", ["Positioncommand_deg", "targetposition [deg]", "Schleppfehler [deg]", "Loadposition_deg", "Lastwinkel [deg]"]
+)
+def test_compounds_say_what_was_asked_for_and_what_is_another_thing(actual: str, other: str) -> None:
+    """A commanded position was taken for the actual one, whose name was a compound that said nothing."""
+    columns = {"t [s]": T, "Torque / N m": TORQUE, "torquelimit / N m": TORQUE, actual: POSITION, other: 0.5 * POSITION}
+    mapping, _ = completed(Table("log.csv", columns), (), AXIS, timed=True)
+    found = {text.partition("=")[0]: text.partition("=")[2] for text in mapping}
+    assert found["torque_nm"].startswith('"Torque / N m"')
+    assert found["position_rad"].strip('"').startswith(actual)
 
 
 def test_a_setpoint_or_another_quantity_is_no_twin() -> None:
