@@ -149,7 +149,7 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
     ways = ways_of([(one.law, one.at_end) for one in (chain, other) if one is not None], sample_s)
     if not any(path.reading.faithful for path in ways):
         ways.append(faithful)
-    trials = _fit_ways(data, lively, start, [*ways, *continuous_paths()])
+    trials = _possible(_fit_ways(data, lively, start, [*ways, *continuous_paths()]), sample_s)
     trials, hidden = _refine_kinds(data, lively, trials), list[TorquePath]()
     if trials[0][1].ratio > HIDDEN:
         hidden = ways_of([(one.law, one.at_end) for one in hidden_chains(to_fit, chain)], sample_s, beside=ways)
@@ -262,6 +262,13 @@ def _fit_ways(
     return sorted(trials, key=lambda trial: _level(trial[1]))
 
 
+def _possible(trials: Sequence[tuple[TorquePath, Fitted]], sample_s: float) -> list[tuple[TorquePath, Fitted]]:
+    """Trials in their order, those by a torque that changes all the time only where the best of them can be."""
+    at_instants = min((trial for trial in trials if trial[0].continuous), key=lambda trial: _level(trial[1]), default=None)
+    possible = at_instants is not None and at_instants[0].can_be_undone(sample_s)
+    return [trial for trial in trials if possible or not trial[0].continuous]
+
+
 def _by_path(data: Data, recordings: Sequence[Recording], model: Model, path: TorquePath) -> Data:
     """Some of the records by a path, in groups that are the same for all paths: O of others is of other frequencies."""
     return grouped_like(prepare_records(recordings, model, data.noise_nm, data.step_rad, {}, path=path, colour=data.colour), data)
@@ -356,6 +363,7 @@ def _undone(data: Data, start: Model, to_fit: Sequence[Recording]) -> PathChoice
         if number and choice.fitted.ratio <= GOOD:
             break
         tried = [_best_value(data, lively, start, choice, paths) for family in families if (paths := family(choice.path))]
+        tried = _possible(tried, lively[0].sample_period_s)
         tried.sort(key=lambda trial: _level(trial[1], choice.fitted))
         trials = _refine_kinds(data, lively, tried)
         further = _best([(choice.path, choice.fitted), *trials], None, plain_first=True)

@@ -43,7 +43,7 @@ SETTLING, LONGEST, BLOCK, NEGLIGIBLE = 600, 6000, 100, 1e-7
 #: Variance that rounding adds, that of the residual being 1, beyond which a model does not hold its bodies; near the right one it is
 #: less than 1.
 ABSURD = 1e6
-#: v(x) - v(x₀) that is taken off at most: of a carriage that hardly anything damps it would be more than all that is left, whatever that is.
+#: v(x) - v(x₀) that is taken off at most: with a carriage that hardly anything damps it would be more than all that is left.
 MOST = 1.0
 
 

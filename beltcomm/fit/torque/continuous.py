@@ -15,7 +15,7 @@ import numpy as np
 from beltcomm.arrays import Array
 from beltcomm.fit.noise.colour import NoiseColour
 
-#: Zeros inside the unit circle of the splines of fifth and third order at the samples; each has another one outside, of the same size on it.
+#: Zeros inside the unit circle of the splines of fifth and third order at the samples, twice in place of those outside.
 _FIFTH, _THIRD = 2 * (-0.430575347099973, -0.0430962882032647), 2 * (-0.267949192431123,)
 
 

@@ -42,6 +42,8 @@ VALUES: Mapping[Kind, tuple[str, ...]] = {
 }
 #: Deviation from its mean below which a torque is held, as a share of the largest mean.
 HELD = 1e-6
+#: Periods between an angle and the torque of its row, where that changes all the time.
+APART = 0.25
 #: Samples before a pulse and behind the end of its answer, share of it that has died away, and slowest pole until then.
 BEFORE, BEHIND, FADED, SLOWEST = 4, 8, 1e-9, 0.97
 
@@ -454,7 +456,10 @@ class TorquePath:
         Returns
         -------
         bool
+            Not of one read at instants that are far from those of the angle: then the torque is held, or stands in another row.
         """
+        if self.continuous and abs(self.reading.late) > APART:
+            return False
         try:
             self.acting_noise(0.0, sample_s)
         except ValueError:
