@@ -10,6 +10,7 @@ import numpy as np
 
 from beltcomm.arrays import Array
 from beltcomm.compiled import in_one_thread
+from beltcomm.errors import DataError
 from beltcomm.fit.estimate import AT_A_TIME, Fitted, fit, resume_fit
 from beltcomm.fit.least_squares import least_plain_error
 from beltcomm.fit.likelihood.problem import OFFSET_M
@@ -95,6 +96,11 @@ def fit_base(
         With the finest steps, and reversals, for numbers that are shown; else as a search goes on from it.
     progress : callable
         Hears the share that is done, 0 to 1.
+
+    Raises
+    ------
+    DataError
+        Where no sample counts.
     """
     found = _fit_base(data, start, fixed, path, publish, progress)
     while sheet is not None and (name := next_to_hold(found[1], sheet)) is not None:
@@ -106,6 +112,12 @@ def fit_base(
         found = held
     if sheet is None and (inertia := hold_lost_inertia(start, *found)) is not None:
         found = _fit_base(data, inertia, fixed, path, publish, progress)
+    if not found[1].problem.samples:
+        seconds = sum(piece.motion.samples * piece.motion.sample_s for piece in found[0].fitted)
+        raise DataError(
+            f"in none of the {seconds:.1f} s recorded does the motor surely move on, its angle read in steps of {data.step_rad:.3g} rad, "
+            "and nothing can be fitted; record longer or faster strokes, or an angle in finer steps"
+        )
     return found
 
 

@@ -43,6 +43,8 @@ OVERDAMPED = 0.5
 #: Share of the misfit above the floor that a named effect must explain, and loss on held-out records beyond which it is refused,
 #: as a share of the evidence.
 EXPLAINED, HELD_OUT_LOSS = 0.10, 0.1
+#: Rise of -2 ln L of records held out that is no chance.
+BY_CHANCE = 10.0
 #: Share that is enough where the held-out records confirm it: there each sample gains at least this share of what a fitted one does.
 CONFIRMED_EXPLAINED, CONFIRMED_GAIN = 0.05, 0.5
 #: Share of what lies above the noise on held-out records below which they speak for an effect, whatever a bad place of the others does.
@@ -91,7 +93,7 @@ def enough(evidence: float, explained: float, drop: float, held_out_gain: float,
     base : Fitted
         Fitted without the effect.
     """
-    if evidence <= EVIDENCE or is_refuted(evidence, held_out_gain):
+    if evidence <= EVIDENCE or is_refuted(evidence, held_out_gain, base):
         return False
     held = sum(len(r) for r in base.held_out_residuals)
     confirmed = held > 0 and held_out_gain / held > CONFIRMED_GAIN * drop / base.problem.samples
@@ -269,8 +271,10 @@ def is_negligible(model: Model, effect: Effect) -> bool:
     return effect.least > 0.0 and model[effect.full_names()[0]] <= effect.least
 
 
-def is_refuted(evidence: float, held_out_gain: float) -> bool:
+def is_refuted(evidence: float, held_out_gain: float, fitted: Fitted) -> bool:
     """True if the held-out records speak against an effect that the fitted ones speak for.
+
+    Few of them cannot lose much: for each value no more than the fitted ones gain for each, but for what chance does.
 
     Parameters
     ----------
@@ -278,8 +282,12 @@ def is_refuted(evidence: float, held_out_gain: float) -> bool:
         By the fitted records.
     held_out_gain : float
         Fall of the objective of the records held out.
+    fitted : Fitted
+        For how many values both have.
     """
-    return held_out_gain < -HELD_OUT_LOSS * max(evidence, 0.0)
+    share = sum(map(len, fitted.held_out_residuals)) / max(fitted.problem.samples, 1)
+    won = max(evidence, 0.0)
+    return held_out_gain < -min(HELD_OUT_LOSS * won, max(share * won, BY_CHANCE))
 
 
 def drop_by(base: Fitted, grown: Fitted) -> float:

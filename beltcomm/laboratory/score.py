@@ -9,6 +9,7 @@ the load; e^{jNθ} follows from e^{j(N-1)θ} by one multiplication per fine step
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -275,7 +276,7 @@ class Scorer:
         return self._harmonics(effect, trials) if effect.harmonic and len(trials) > 3 else self._batches(effect, trials)
 
     def trials_of(self, effect: Effect, ground: AxisSummary) -> list[Trial]:
-        """Every way to switch an effect on, inside the bounds.
+        """Every way to switch an effect on, inside the bounds; of torque that repeats with the angle none finer than its counts show.
 
         Parameters
         ----------
@@ -283,7 +284,11 @@ class Scorer:
         ground : AxisSummary
             Of the axis: how large a usual trial is.
         """
-        return [self._clip_to_bounds(effect, trial) for trial in effect.trials(ground)] if effect.trials is not None else []
+        trials = effect.trials(ground) if effect.trials is not None else []
+        if effect.harmonic in ("load", "gain"):
+            finest = math.pi / ground.step_rad if ground.step_rad else math.inf  # of two counts a period
+            trials = [trial for trial in trials if trial.values[effect.parameters[0].name] < finest]
+        return [self._clip_to_bounds(effect, trial) for trial in trials]
 
     def _clip_to_bounds(self, effect: Effect, trial: Trial) -> Trial:
         """The trial with its values inside the bounds of this model's side."""

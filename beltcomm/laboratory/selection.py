@@ -112,7 +112,7 @@ class Candidate:
     def stands(self) -> bool:
         """True if nothing speaks against it: records held out, error as a whole or in plain units, own values, a carriage that strays."""
         return self.fitted is None or not (
-            self.hollow or self.grows or self.unneeded or self.idle or is_refuted(self.evidence, self.held_out_gain)
+            self.hollow or self.grows or self.unneeded or self.idle or is_refuted(self.evidence, self.held_out_gain, self.fitted)
         )
 
     @property
@@ -130,9 +130,9 @@ class Candidate:
             return "the error in plain units does not fall"
         if self.of_path:
             return "so small a delay may be left by what is known of the torque path"
-        if is_refuted(self.evidence, self.held_out_gain):
-            return "records held out speak against it"
-        return f"evidence below {EVIDENCE:.0f}" if self.evidence <= EVIDENCE else "explains too little"
+        if self.evidence <= EVIDENCE:
+            return f"evidence below {EVIDENCE:.0f}"
+        return "records held out speak against it" if is_refuted(self.evidence, self.held_out_gain, self.fitted) else "explains too little"
 
 
 def search(

@@ -82,7 +82,7 @@ def candidate_rows(found: Diagnosis, most: int, indent: str = "") -> list[Row]:
         [
             c.effect.name,
             f"{c.evidence:.0f}",
-            f"{100.0 * max(0.0, c.explained):.0f}%",
+            f"{100.0 * min(max(0.0, c.explained), 1.0):.0f}%",
             f"{c.held_out_gain:.0f}" if found.base.held_out_residuals else "none",
             f"not accepted, {c.against}" if c.against else f"together with {c.beside}" if c.beside else "",
         ]

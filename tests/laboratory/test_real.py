@@ -90,7 +90,9 @@ def test_a_ripple_with_another_phase_in_the_held_out_record_is_refused(emps: tup
     ripple = replace(effect_named("travel_ripple"), trials=lambda _ground: told)
     ranking = {c.effect.name: c for c in search(data, Scorer(after), ground, [ripple, effect_named("dead_time")])}
     assert ranking["travel_ripple"].evidence > ranking["dead_time"].evidence > 0.0
-    assert is_refuted(ranking["travel_ripple"].evidence, ranking["travel_ripple"].held_out_gain)
+    ripple = ranking["travel_ripple"]
+    assert ripple.fitted is not None
+    assert is_refuted(ripple.evidence, ripple.held_out_gain, ripple.fitted)
     assert not ranking["travel_ripple"].accepted
     assert ranking["dead_time"].accepted
 
