@@ -115,8 +115,8 @@ def fit_base(
     if not found[1].problem.samples:
         seconds = sum(piece.motion.samples * piece.motion.sample_s for piece in found[0].fitted)
         raise DataError(
-            f"in none of the {seconds:.1f} s recorded does the motor surely move on, its angle read in steps of {data.step_rad:.3g} rad, "
-            "and nothing can be fitted; record longer or faster strokes, or an angle in finer steps"
+            f"in none of the {seconds:.1f} s recorded does the axis surely move on, its position read in steps of {data.step_rad:.3g} "
+            f"{data.recordings[0].position_unit}, and nothing can be fitted; record longer or faster strokes, or a position in finer steps"
         )
     return found
 

@@ -89,6 +89,11 @@ class Fitted:
         return self.held_out_objective / held if held else None
 
     @property
+    def held_out_share(self) -> float:
+        """Values of the records held out over those fitted."""
+        return sum(map(len, self.held_out_residuals)) / max(self.problem.samples, 1)
+
+    @property
     def offsets(self) -> Array:
         """Scaled start offsets; zeros where no carriage can be off."""
         return self.problem.offsets(self.x) if self.problem.movable else np.zeros(len(self.problem.pieces))

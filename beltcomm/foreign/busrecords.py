@@ -43,7 +43,7 @@ _FEWEST_SYNCS = 10
 #: Identifier of node 0's heartbeat; the first of a node is 0, its boot-up (CiA 301, 7.2.8.3.3).
 _HEARTBEAT = 0x700
 #: Share of the rows without a signal from which it is one of a slower frame, not one with frames that were lost.
-_SELDOM = 0.5
+_SELDOM = 0.1
 
 
 @dataclass(frozen=True, eq=False)

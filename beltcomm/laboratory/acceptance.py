@@ -93,7 +93,7 @@ def enough(evidence: float, explained: float, drop: float, held_out_gain: float,
     base : Fitted
         Fitted without the effect.
     """
-    if evidence <= EVIDENCE or is_refuted(evidence, held_out_gain, base):
+    if evidence <= EVIDENCE or is_refuted(evidence, held_out_gain, base.held_out_share):
         return False
     held = sum(len(r) for r in base.held_out_residuals)
     confirmed = held > 0 and held_out_gain / held > CONFIRMED_GAIN * drop / base.problem.samples
@@ -271,7 +271,7 @@ def is_negligible(model: Model, effect: Effect) -> bool:
     return effect.least > 0.0 and model[effect.full_names()[0]] <= effect.least
 
 
-def is_refuted(evidence: float, held_out_gain: float, fitted: Fitted) -> bool:
+def is_refuted(evidence: float, held_out_gain: float, share: float) -> bool:
     """True if the held-out records speak against an effect that the fitted ones speak for.
 
     Few of them cannot lose much: for each value no more than the fitted ones gain for each, but for what chance does.
@@ -282,10 +282,9 @@ def is_refuted(evidence: float, held_out_gain: float, fitted: Fitted) -> bool:
         By the fitted records.
     held_out_gain : float
         Fall of the objective of the records held out.
-    fitted : Fitted
-        For how many values both have.
+    share : float
+        Values of the records held out over those fitted.
     """
-    share = sum(map(len, fitted.held_out_residuals)) / max(fitted.problem.samples, 1)
     won = max(evidence, 0.0)
     return held_out_gain < -min(HELD_OUT_LOSS * won, max(share * won, BY_CHANCE))
 

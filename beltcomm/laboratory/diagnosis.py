@@ -447,7 +447,7 @@ def _escape_if_far_off(data: Data, fitted: Fitted) -> Fitted | None:
         return None
     found = escape_local_minimum(data, fitted, NEXT_ITERATIONS)
     drop, held_out_gain = drop_by(fitted, found), fitted.held_out_objective - found.held_out_objective
-    return found if drop > EVIDENCE and not is_refuted(drop, held_out_gain, found) and not impossible(found.model) else None
+    return found if drop > EVIDENCE and not is_refuted(drop, held_out_gain, found.held_out_share) and not impossible(found.model) else None
 
 
 def _without_contradicted(candidates: Sequence[Candidate]) -> list[Candidate]:

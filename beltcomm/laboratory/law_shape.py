@@ -285,6 +285,6 @@ def _is_worth_its_parameters(before: Fitted, after: Fitted, evidence: float = EV
 
 def _is_contradicted(before: Fitted, after: Fitted) -> bool:
     """True if the held-out records or its own values speak against a form."""
-    against = is_refuted(drop_by(before, after), before.held_out_objective - after.held_out_objective, before)
+    against = is_refuted(drop_by(before, after), before.held_out_objective - after.held_out_objective, before.held_out_share)
     new = [e for e in after.model.effect_list() if e.name not in before.model.effects]
     return against or bool(impossible(after.model)) or any(exceeds_bounds(after.model, e) for e in new)

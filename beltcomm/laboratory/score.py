@@ -22,6 +22,7 @@ from beltcomm.compiled import compiled
 from beltcomm.effects import AxisSummary, Effect, Trial
 from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.fit.likelihood.problem import OFFSET_M, Parts, Problem
+from beltcomm.fit.noise.decimation import is_counted, smallest_step
 from beltcomm.fit.records import SUBSTEPS
 from beltcomm.fit.residual.observer import needs_observer
 from beltcomm.fit.residual.segment import Segment
@@ -286,9 +287,14 @@ class Scorer:
         """
         trials = effect.trials(ground) if effect.trials is not None else []
         if effect.harmonic in ("load", "gain"):
-            finest = math.pi / ground.step_rad if ground.step_rad else math.inf  # of two counts a period
-            trials = [trial for trial in trials if trial.values[effect.parameters[0].name] < finest]
+            trials = [trial for trial in trials if trial.values[effect.parameters[0].name] < self._highest_order]
         return [self._clip_to_bounds(effect, trial) for trial in trials]
+
+    @cached_property
+    def _highest_order(self) -> float:
+        """Periods per turn that are of two counts; inf for an angle that is not counted."""
+        steps = [smallest_step(piece.position) for piece in self.problem.pieces if is_counted(piece.position)]
+        return math.pi / min(steps) if steps else math.inf  # 0 for an angle that never changes, whose step is infinite
 
     def _clip_to_bounds(self, effect: Effect, trial: Trial) -> Trial:
         """The trial with its values inside the bounds of this model's side."""

@@ -111,9 +111,11 @@ class Candidate:
     @property
     def stands(self) -> bool:
         """True if nothing speaks against it: records held out, error as a whole or in plain units, own values, a carriage that strays."""
-        return self.fitted is None or not (
-            self.hollow or self.grows or self.unneeded or self.idle or is_refuted(self.evidence, self.held_out_gain, self.fitted)
-        )
+        return not (self.hollow or self.grows or self.unneeded or self.idle or self._refuted)
+
+    @property
+    def _refuted(self) -> bool:
+        return self.fitted is not None and is_refuted(self.evidence, self.held_out_gain, self.fitted.held_out_share)
 
     @property
     def against(self) -> str:
@@ -132,7 +134,7 @@ class Candidate:
             return "so small a delay may be left by what is known of the torque path"
         if self.evidence <= EVIDENCE:
             return f"evidence below {EVIDENCE:.0f}"
-        return "records held out speak against it" if is_refuted(self.evidence, self.held_out_gain, self.fitted) else "explains too little"
+        return "records held out speak against it" if self._refuted else "explains too little"
 
 
 def search(

@@ -59,9 +59,17 @@ def measure_delay_and_damping(findings: Findings, recordings: Sequence[Recording
         return
     _, resonance = analyse.characteristic_hz(model, recordings[0].sidecar.start_position_m or 0.0)
     try:
-        findings.dead_time = _behind_slew_rate(analyse.dead_time_of(recordings, resonance), findings, recordings[0].sample_period_s)
+        measured = _at_instants(analyse.dead_time_of(recordings, resonance), findings, recordings[0].sample_period_s)
+        findings.dead_time = _behind_slew_rate(measured, findings, recordings[0].sample_period_s)
     except DataError as problem:
         findings.remarks.append(str(problem))
+
+
+def _at_instants(measured: DeadTime, findings: Findings, sample_s: float) -> DeadTime:
+    """The delay where setpoint and torque were both read at instants: the torque that acts is then its mean, half a period ahead of it."""
+    if findings.path is None or not findings.path.continuous:
+        return measured
+    return replace(measured, value_s=measured.value_s + 0.5 * sample_s, samples=measured.samples + 0.5)
 
 
 def _behind_slew_rate(measured: DeadTime, findings: Findings, sample_s: float) -> DeadTime:

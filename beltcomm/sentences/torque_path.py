@@ -48,8 +48,8 @@ def path_data(path: TorquePath, sample_s: float) -> dict[str, Any]:
         drive: delay and delay_interval in periods, lags, gain; reading: late in periods, lags, at_end (of the period, else its mean);
         commanded; unseen, without a setpoint; continuous, read at instants; rivals of the same shape; process, where a torque that acts
         beside the setpoint has a correlation time, or is not all read: rms_nm, time_s (0: white) and their intervals;
-        sample_period_s; delay_s from setpoint to acting torque, None without a setpoint; words, a list of sentences, empty for a whole
-        delay and a faithful reading.
+        sample_period_s; delay_s from setpoint to acting torque, None where the path has no setpoint; words, a list of sentences, empty for
+        a whole delay and a faithful reading.
     """
     delay_s = None if path.drive is None or path.without_setpoint else path.drive.delay_s(sample_s)
     return {

@@ -16,9 +16,12 @@ from scipy.signal import lfilter
 
 from beltcomm.fit.model_fit import fit_model
 from beltcomm.fit.torque.continuous import spline_cells, spline_noise
-from beltcomm.fit.torque.path import ReadingLaw, TorquePath, path_from_dict, path_to_dict
+from beltcomm.fit.torque.path import DriveLaw, ReadingLaw, TorquePath, path_from_dict, path_to_dict
+from beltcomm.fit.torque.reading_fit import unlikely_readings
 from beltcomm.recording import Recording
-from beltcomm.recording.sidecar import Sidecar
+from beltcomm.recording.sidecar import ExcitationNote, Sidecar
+from beltcomm.rundata.delays import measure_delay_and_damping
+from beltcomm.rundata.findings import Findings
 from beltcomm.sentences.torque_path import path_lines
 from identify.records import COUNTS, NOISE_NM, PERIOD_S, STEP_RAD, true_model
 from truth.rigs import draw
@@ -87,6 +90,7 @@ def test_the_cells_are_means_of_the_spline_through_the_readings() -> None:
         assert cells[period, cell] == pytest.approx(float(np.mean(spline(inside))), abs=1e-6)
     np.testing.assert_allclose(spline_cells(torque, -1.5, 4)[0, :2], torque[0])
     np.testing.assert_allclose(spline_cells(torque, 1.5, 4)[-1], torque[-1])
+    np.testing.assert_array_equal(spline_cells(torque[:1], 0.1, 4), np.full((1, 4), torque[0]))  # a sample between two gaps
 
 
 @pytest.mark.parametrize("pole", [0.0, 0.6])
@@ -100,6 +104,37 @@ def test_the_noise_has_the_spectrum_that_the_residual_makes_of_it(pole: float) -
     own = lfilter([math.sqrt(1.0 - pole**2)], [1.0, -pole], np.r_[1.0, np.zeros(511)])
     found = lfilter(colour.numerator, colour.denominator, np.r_[1.0, np.zeros(511)])
     np.testing.assert_allclose(np.abs(np.fft.rfft(found)), np.abs(np.fft.rfft(answer) * np.fft.rfft(own)), rtol=2e-3)
+
+
+def test_readings_say_nothing_of_a_path_that_takes_them_as_they_are() -> None:
+    held = [TorquePath(DriveLaw(delay)) for delay in (0.0, 1.0)]
+    records = [traced(1, "trace")]
+    both = unlikely_readings(held, records)
+    assert unlikely_readings([held[0], TorquePath(continuous=True), held[1]], records) == [both[0], 0.0, both[1]]
+    assert unlikely_readings([TorquePath(continuous=True)], records) == [0.0]
+
+
+def test_the_delay_to_the_torque_is_that_between_instants() -> None:
+    """The torque that acts is a mean over the period behind its sample, the setpoint beside it an instant: half a period was lost."""
+    rng, time = np.random.default_rng(6), PERIOD_S / INNER * np.arange(6000 * INNER)
+    sines = np.array([np.sin(math.tau * hz * time + phase) for hz, phase in zip(range(1, 61), rng.uniform(0.0, 6.3, 60), strict=True)])
+    setpoint, keeps = 0.05 * sines.sum(axis=0), math.exp(-PERIOD_S / INNER / CURRENT_S)
+    acting = lfilter([1.0 - keeps], [1.0, -keeps], np.r_[0.0, setpoint[:-1]])
+    note = ExcitationNote("multisine", 1.0, 1000, 1000)
+    record = Recording(
+        name="trace",
+        t_s=PERIOD_S * np.arange(6000),
+        torque=acting[::INNER],
+        torque_setpoint=setpoint[::INNER],
+        position=1e-3 * np.cumsum(acting[::INNER]),
+        cart_position_m=None,
+        sidecar=Sidecar("frf", excitation=note),
+    )
+    model = true_model(draw("g_b", np.random.default_rng(3)))
+    findings = Findings(kept_path=TorquePath(continuous=True))
+    measure_delay_and_damping(findings, [record], model)
+    assert findings.dead_time is not None
+    assert findings.dead_time.value_s == pytest.approx(CURRENT_S, abs=1e-4)
 
 
 def test_the_path_is_kept_with_the_model() -> None:

@@ -48,6 +48,7 @@ class Axis:
             model=model,
             objective=self.reached(set(model.effects), free),
             held_out_objective=held,
+            held_out_share=0.5,
             offsets=None,
             problem=SimpleNamespace(free=tuple(free), samples=SAMPLES),
         )

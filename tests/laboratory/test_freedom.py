@@ -104,7 +104,7 @@ def test_a_gap_is_asked_about_no_longer_than_the_answer_needs(
     monkeypatch.setattr(gaps, "_with_likeliest_stray", strayed)
     monkeypatch.setattr(gaps, "fit", fitted)
     monkeypatch.setattr(gaps, "_exceeds_threshold", lambda grown, closed, times=1.0: closed.lead > times)
-    grown: Any = SimpleNamespace(model=BASE.with_effect("backlash", {"gap": 5e-5}))
+    grown: Any = SimpleNamespace(model=BASE.with_effect("backlash", {"gap": 5e-5}), held_out_share=0.5)
     data: Any = None  # nothing is fitted
     assert _gap_is_supported(data, grown, GAP) is answer
     assert heard == asked
@@ -120,7 +120,13 @@ def searched(
     """
 
     def fitted(model: Any) -> Any:
-        size = {"objective": 2.0, "problem": SimpleNamespace(samples=1, forget=lambda: None), "ratio": 2.0, "held_out_ratio": None}
+        size = {
+            "objective": 2.0,
+            "problem": SimpleNamespace(samples=1, forget=lambda: None),
+            "ratio": 2.0,
+            "held_out_ratio": None,
+            "held_out_share": 0.5,
+        }
         return SimpleNamespace(model=model, **size)
 
     stages = iter(found)
@@ -198,7 +204,7 @@ def test_a_gap_in_doubt_stays_that_is_needed_beside_what_else_is_missing(monkeyp
 
 
 def test_it_is_said_why_a_gap_is_not_taken() -> None:
-    there: Any = SimpleNamespace()
+    there: Any = SimpleNamespace(held_out_share=0.5)
     refused = Candidate(GAP, 9.0, 9.0, 0.5, 9.0, there, False, unneeded=True)
     assert refused.against == "a carriage that strays as far without it explains as much"
     assert trial_line(refused).startswith("backlash taken back, a carriage that strays as far")
@@ -217,7 +223,7 @@ def test_only_a_gap_behind_an_observer_can_be_one_that_a_straying_carriage_does_
     monkeypatch: pytest.MonkeyPatch, effect: str, beside: str, own: bool, strays: bool
 ) -> None:
     monkeypatch.setattr(gaps, "_gap_is_supported", lambda *_: own)
-    grown: Any = SimpleNamespace(model=BASE.with_effect(effect).with_effect(beside))
+    grown: Any = SimpleNamespace(model=BASE.with_effect(effect).with_effect(beside), held_out_share=0.5)
     data: Any = None
     assert gaps.is_replaceable_gap(data, grown, effect_named(effect)) is strays
 

@@ -92,7 +92,7 @@ def test_a_ripple_with_another_phase_in_the_held_out_record_is_refused(emps: tup
     assert ranking["travel_ripple"].evidence > ranking["dead_time"].evidence > 0.0
     ripple = ranking["travel_ripple"]
     assert ripple.fitted is not None
-    assert is_refuted(ripple.evidence, ripple.held_out_gain, ripple.fitted)
+    assert is_refuted(ripple.evidence, ripple.held_out_gain, ripple.fitted.held_out_share)
     assert not ranking["travel_ripple"].accepted
     assert ranking["dead_time"].accepted
 

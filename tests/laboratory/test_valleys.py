@@ -59,7 +59,12 @@ def test_only_a_bad_end_is_looked_at_again_and_only_a_better_one_is_taken(
 
     def fitted(objective: float, held: float) -> Any:
         return SimpleNamespace(
-            model=model, objective=objective, held_out_objective=held, problem=SimpleNamespace(model=model, samples=10_000), x=np.zeros(0)
+            model=model,
+            objective=objective,
+            held_out_objective=held,
+            held_out_share=0.5,
+            problem=SimpleNamespace(model=model, samples=10_000),
+            x=np.zeros(0),
         )
 
     asked = []

@@ -20,6 +20,7 @@ from beltcomm.laboratory.acceptance import (
     KNOWN,
     implausible_effects,
     is_negligible,
+    is_refuted,
     only_cancels,
     parameters_at_bounds,
     share_left,
@@ -318,7 +319,8 @@ def test_an_effect_with_which_the_error_as_a_whole_grows_is_not_taken(
     """But where the held-out records say that it is there; and a per cent is the noise, which is calibrated anew."""
 
     def fitted(ratio: float, held_out_ratio: float) -> Any:
-        size = {"objective": 10.0, "problem": SimpleNamespace(pieces=(), samples=10, forget=lambda: None)}
+        size: dict[str, Any] = {"objective": 10.0, "held_out_share": 0.5}
+        size["problem"] = SimpleNamespace(pieces=(), samples=10, forget=lambda: None)
         return SimpleNamespace(model=SimpleNamespace(effects=()), ratio=ratio, held_out_ratio=held_out_ratio, **size)
 
     candidate = Candidate(effect_named("measurement_lag"), 0.0, 500.0, 0.5, 1.0, fitted(1.9, 1.9), accepted=True)
@@ -374,14 +376,21 @@ def test_each_stage_of_a_search_is_a_phase_of_its_own_and_no_number_of_them_is_p
         (500.0, 50.0, {"idle": True}, "the error in plain units does not fall"),
         (500.0, 50.0, {"unneeded": True}, "a carriage that strays as far without it explains as much"),
         (500.0, -80.0, {}, "records held out speak against it"),
+        (5000.0, -80.0, {}, "explains too little"),
         (119.0, 50.0, {}, "evidence below 120"),
         (500.0, 50.0, {}, "explains too little"),
     ],
 )
 def test_why_a_candidate_may_not_be_named_is_said(evidence: float, held_out_gain: float, more: dict[str, Any], against: str) -> None:
-    there: Any = SimpleNamespace()
+    there: Any = SimpleNamespace(held_out_share=0.5)
     one = Candidate(effect_named("cogging"), 0.0, evidence, 0.1, held_out_gain, there, False)
     assert replace(one, **more).against == against
+
+
+@pytest.mark.parametrize(("share", "held_out_gain", "against"), [(0.001, -32.0, True), (0.001, -9.0, False), (0.05, -32.0, False)])
+def test_few_values_held_out_speak_against_an_effect_as_many_do(share: float, held_out_gain: float, against: bool) -> None:
+    """Where each loses more than each fitted one gains, and more than chance does."""
+    assert is_refuted(1018.0, held_out_gain, share) is against
 
 
 @pytest.mark.parametrize(

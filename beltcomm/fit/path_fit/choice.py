@@ -179,7 +179,8 @@ def _refine_kinds(
     for path, fitted in trials:
         kind = kind_of(path, recordings[0].sample_period_s)
         found.append((path, fitted) if kind in kinds or len(kinds) >= REFINED else _refine(data, recordings, path, fitted))
-        kinds.add(kind)
+        if not path.continuous:  # one of its own, beside which those of a held torque have their chance
+            kinds.add(kind)
     return found
 
 
@@ -231,7 +232,7 @@ def _liveliest(recordings: Sequence[Recording]) -> list[Recording]:
 def _fit_by(
     data: Data, recordings: Sequence[Recording], start: Model, path: TorquePath, worth: float = math.inf, near: Fitted | None = None
 ) -> Fitted:
-    """The base model fitted to some records by one path, and once more with the motion rebuilt.
+    """The base model fitted to some records by one path, and once more with the motion rebuilt; once where it begins near.
 
     worth : O per sample, above which the path does not matter; its search ends where it does not get there.   near : by another path; where
     it leaves little, the search begins there, and its motion is that of this one.
@@ -263,10 +264,9 @@ def _fit_ways(
 
 
 def _possible(trials: Sequence[tuple[TorquePath, Fitted]], sample_s: float) -> list[tuple[TorquePath, Fitted]]:
-    """Trials in their order, those by a torque that changes all the time only where the best of them can be."""
-    at_instants = min((trial for trial in trials if trial[0].continuous), key=lambda trial: _level(trial[1]), default=None)
-    possible = at_instants is not None and at_instants[0].can_be_undone(sample_s)
-    return [trial for trial in trials if possible or not trial[0].continuous]
+    """Trials in their order; of those by a torque that changes all the time the best, for its instant is fitted, where it can be."""
+    best = min((trial for trial in trials if trial[0].continuous), key=lambda trial: _level(trial[1]), default=None)
+    return [trial for trial in trials if not trial[0].continuous or (trial is best and trial[0].can_be_undone(sample_s))]
 
 
 def _by_path(data: Data, recordings: Sequence[Recording], model: Model, path: TorquePath) -> Data:
@@ -297,7 +297,7 @@ def _best(
     plain_first : the first trial is the one that stays, whatever else is faithful.   less_likely : -2 ln L of setpoint and reading above
     the least, by whether the reading is the torque at the end of the period.
     """
-    usual = trials[:1] if plain_first else [trial for trial in trials if trial[0].reading.faithful]
+    usual = trials[:1] if plain_first else [trial for trial in trials if trial[0].reading.faithful and not trial[0].continuous]
     faithful, first = min(usual, key=lambda trial: _level(trial[1]))
     samples = first.problem.samples
     path, best = min(trials, key=lambda trial: _level(trial[1], first) + less_likely.get(trial[0].reading.at_end, 0.0) / max(samples, 1))

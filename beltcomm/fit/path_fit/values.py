@@ -180,7 +180,7 @@ def _is_divided(path: TorquePath) -> bool:
 
 
 def _most(path: TorquePath, values: Array) -> Array:
-    """Changes of the values that a first order bears: of a delay part of a period, but not below 0."""
+    """Changes of the values that a first order bears: of a delay part of a period, not below 0; an instant of a reading may be."""
     if path.continuous:
         return np.full(len(values), MOST)
     most, first = MOST * values, sum(len(lag.values) for lag in _lags(path))

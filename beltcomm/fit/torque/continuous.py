@@ -39,6 +39,8 @@ def spline_cells(torque: Array, late: float, cells: int) -> Array:
     from scipy.interpolate import CubicSpline  # takes a second to import, and most torques are held
 
     n = len(torque)
+    if n == 1:
+        return np.full((1, cells), torque[0])
     whole = CubicSpline(np.arange(n), torque).antiderivative()
     edges = np.arange(n * cells + 1) / cells + late
     inside = np.clip(edges, 0.0, n - 1.0)
@@ -47,7 +49,7 @@ def spline_cells(torque: Array, late: float, cells: int) -> Array:
 
 
 def spline_noise(pole: float) -> NoiseColour:
-    """Colour in the residual of the noise of such readings.
+    """Colour in the residual of the noise of such readings; as of readings that are not late, for less than half a sample changes little.
 
     Parameters
     ----------

@@ -214,7 +214,7 @@ class ReadingLaw:
     Attributes
     ----------
     late : float
-        Sampling periods, 0 and more.
+        Sampling periods, 0 and more; of a continuous path also a part of one before the angle.
     lags : tuple of Lag
         One behind the other.
     at_end : bool
@@ -273,7 +273,7 @@ class TorquePath:
     Attributes
     ----------
     drive : DriveLaw or None
-        None where no setpoint was recorded, and the torque is held over each period.
+        None where no setpoint was recorded and the torque is held over each period, or where it is continuous.
     commanded : bool
         Whether the reading is only the command.
     acts : float

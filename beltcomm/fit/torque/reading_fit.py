@@ -390,24 +390,24 @@ def unlikely_readings(paths: Sequence[TorquePath], recordings: Sequence[Recordin
     Parameters
     ----------
     paths : sequence of TorquePath
-        Of a drive whose setpoint was recorded.
+        Of a drive whose setpoint was recorded; one that takes the readings as they are says nothing of them, and gets 0.
     recordings : sequence of Recording
         With setpoint and reading.
     """
     pairs, sample_s = lively_pairs(recordings)
-    chains = [(path.chain, path.reading.at_end) for path in paths]
-    if not pairs:
+    chains = {place: (path.chain, path.reading.at_end) for place, path in enumerate(paths) if path.chain is not None}
+    if not pairs or not chains:
         return [0.0] * len(paths)
 
-    def squares(colour: float) -> list[float]:
-        rests = [_left(law, pairs, sample_s, colour, at_end)[0] for law, at_end in chains if law is not None]
-        return [max(float(np.mean(rest**2)), 1e-300) for rest in rests]
+    def squares(colour: float) -> dict[int, float]:
+        rests = {place: _left(law, pairs, sample_s, colour, at_end)[0] for place, (law, at_end) in chains.items()}
+        return {place: max(float(np.mean(rest**2)), 1e-300) for place, rest in rests.items()}
 
     plain = squares(0.0)
-    law, at_end = chains[int(np.argmin(plain))]
-    assert law is not None
+    law, at_end = chains[min(plain, key=plain.__getitem__)]
     found = squares(colour_of([_left(law, pairs, sample_s, 0.0, at_end)[0]]))
-    return [sum(len(setpoint) for setpoint, _ in pairs) * math.log(one / min(found)) for one in found]
+    number, least = sum(len(setpoint) for setpoint, _ in pairs), min(found.values())
+    return [number * math.log(found[place] / least) if place in found else 0.0 for place in range(len(paths))]
 
 
 def _deviations(rest_at: Callable[[Array], Array], x: Array, rest: Array) -> Array:
