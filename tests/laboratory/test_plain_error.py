@@ -15,7 +15,7 @@ from beltcomm.fit.estimate import fit
 from beltcomm.fit.records import prepare
 from beltcomm.fit.start.model import start_model
 from beltcomm.laboratory import acceptance
-from beltcomm.laboratory.acceptance import _falls, is_confirmed
+from beltcomm.laboratory.acceptance import _falls, is_confirmed, is_refuted
 from beltcomm.laboratory.compare import _plain_error, of_run
 from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, diagnose, fit_base_of
 from beltcomm.runfolder import RunFolder
@@ -234,3 +234,9 @@ def test_what_a_false_shaft_explains_of_a_rigid_axis_is_not_named(tmp_path: Path
     assert found.verdict in ("nothing missing", NONE_EXPLAINS)
     (refused,) = (c for c in found.steps[0].candidates if c.effect.name == "elastic_shaft")
     assert refused.against in ("the error in plain units does not fall", "with all fitted again the error as a whole grows")
+
+
+@pytest.mark.parametrize(("share", "held_out_gain", "against"), [(0.001, -32.0, True), (0.001, -9.0, False), (0.05, -32.0, False)])
+def test_few_values_held_out_speak_against_an_effect_as_many_do(share: float, held_out_gain: float, against: bool) -> None:
+    """Where each loses more than each fitted one gains, and more than chance does."""
+    assert is_refuted(1018.0, held_out_gain, share) is against
