@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from beltcomm.axis import Axis, load_axis
 from beltcomm.cli.main import cli
 from beltcomm.errors import DataError
-from beltcomm.foreign.busrecords import records_of
+from beltcomm.foreign.busrecords import _whole_rows, records_of
 from beltcomm.foreign.framelog import FrameLog, read_frames
 from beltcomm.model import load_plant
 from beltcomm.runfolder import RunFolder
@@ -171,3 +171,15 @@ def test_an_axis_that_does_not_move_is_no_record(reference: Logged, tmp_path: Pa
     path = candump(reference.frames[:first], tmp_path / "setup.log")
     with pytest.raises(DataError, match=r"holds no move|cannot be told"):
         records_of(read_frames(path), AXIS)
+
+
+@pytest.mark.parametrize("missing", [2, 7])
+def test_a_signal_that_comes_less_often_costs_itself_and_no_row(missing: int) -> None:
+    """Missing in every second row, or in every seventh: the torque beside it is there in all of them."""
+    rows = np.arange(200)
+    often = np.where(rows % missing == 0, np.nan, 1.0)
+    words: list[str] = []
+    left = _whole_rows({"t_s": 1e-3 * rows, "torque_nm": np.ones(200), "position_rad": np.ones(200), "velocity_rad_s": often}, words)
+    assert list(left) == ["t_s", "torque_nm", "position_rad"]
+    assert len(left["t_s"]) == 200
+    assert words == [f"velocity_rad_s came in {np.isfinite(often).sum()} of 200 rows and is left out"]
