@@ -229,7 +229,7 @@ export function laboratory(ask) {
     });
     const others = [...helping.slice(CARDS), ...(chosen ? some.filter((one) => !helps(one)) : [])].map((one) => row(one));
     const now = [...made.map((one) => one.box), ...(others.length ? [element("div", { id: "others", className: "scroll" }, element("table", {}, element("tbody", {}, ...others)))] : []), ...(more ? [element("p", { className: "small" }, more)] : []),
-      ...(!helping.length && !more ? [element("p", { className: "small" }, !found.missing ? "What is left is noise: no known effect would lower it. Mark a part of a picture to ask about that part." : "No known effect lowers the error of all records.")] : [])];
+      ...(!helping.length && !more ? [element("p", { className: "small" }, !found.missing && found.state.style !== "note" ? "What is left is noise: no known effect would lower it. Mark a part of a picture to ask about that part." : "No known effect lowers the error of all records.")] : [])];
     const place = $("candidates");
     for (const old of [...place.children]) if (!now.includes(old)) old.remove();
     now.forEach((one, k) => { if (place.children[k] !== one) place.insertBefore(one, place.children[k] || null); });
