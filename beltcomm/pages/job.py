@@ -184,6 +184,7 @@ def _model(run: Gathered) -> Fact:
     if found is None:
         return Fact(tr("Model error"), tr("not compared"), run.remarks[0] if run.remarks else "beltcomm compare says why", "note")
     _, said, style = screens.model_state(found.decisive_ratio, missing=found.missing)
+    said = said.partition(" (")[0]  # the number stands beside it
     state: State = "good" if style == "good" else "bad"
     if run.laboratory is not None and (doubt := reservation(found, run.laboratory.fitted, run.recordings)):
         said, state = doubt.rstrip("."), "note"
@@ -191,7 +192,7 @@ def _model(run: Gathered) -> Fact:
     return Fact(
         tr("Model error"),
         tr("{ratio:.2f} × noise", ratio=found.ratio),
-        f"{said.partition(' (')[0]}; {words}",
+        f"{said}; {words}",
         state,
     )
 
