@@ -43,7 +43,7 @@ from beltcomm_adapters.profiles import choose_profile, load_profile
 from beltcomm_adapters.sdo import SdoObjects
 from beltcomm_adapters.setpoints import Layout, Setpoints, layout_of
 from beltcomm_adapters.synctime import SyncTimeBus, keeps_time_by_sync
-from beltcomm_adapters.trial import AREA, tried
+from beltcomm_adapters.trial import tried
 from beltcomm_adapters.watch import LimitWatch
 
 _PROFILE_VELOCITY: Final = 3
@@ -178,10 +178,9 @@ class CanopenDrive(ObjectDrive):
     def trial(self) -> list[Finding]:
         """Prepare for a kind of record: its PDOs and limits, tried with the stage off and put back."""
         modes = supported_modes(self._objects, self._profile)
-        said = [Finding(AREA, "units", "warning", text) for text in self._scaling.said]
         own = self.capabilities
-        found = said + list(tried(self._objects, self._profile, self._scaling, modes, own.sample_period_s, own.max_speed_rad_s))
-        self._told |= {one.text for one in found}
+        found = list(tried(self._objects, self._profile, self._scaling, modes, own.sample_period_s, own.max_speed_rad_s))
+        self._told |= {one.text for one in found} | set(own.cautions)
         return found
 
     def quick_stop_rad_s2(self, limits: Limits) -> float | None:

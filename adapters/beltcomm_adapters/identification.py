@@ -211,6 +211,7 @@ def read_capabilities(
         stop_unit=scaling.stop_unit,
         following_error_stops=profile.following_error == "stops",
         units=scaling.told_units(),
+        cautions=scaling.said,
         shortest_guard_s=max(SHORTEST_GUARD_S, GUARD_PERIODS * period_s),
     )
 

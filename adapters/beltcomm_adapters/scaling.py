@@ -54,6 +54,8 @@ class Scaling:
         Whether drive or profile tell these units.
     stop_unit : str
         As of :class:`beltcomm.drive.Capabilities`.
+    rated_unit_nm : float
+        N m in one unit of 6076h; 0 where the drive does not tell its rated torque.
     """
 
     position_rad: float
@@ -70,6 +72,7 @@ class Scaling:
     position_told: bool = True
     reading_nm: float = 0.0
     stop_unit: str = ""
+    rated_unit_nm: float = 0.0
 
     def __post_init__(self) -> None:
         if not self.reading_nm:
@@ -77,7 +80,7 @@ class Scaling:
 
     def told_units(self) -> dict[str, float]:
         """One raw unit of each quantity, where drive or profile tell it."""
-        found = {"torque": self.torque_nm}
+        found = {"torque": self.torque_nm} | ({"rated_torque": self.rated_unit_nm} if self.rated_unit_nm else {})
         for name, unit, told in (
             ("position", self.position_rad, self.position_told),
             ("speed", self.speed_rad_s, self.speed_told),
@@ -159,13 +162,16 @@ def read_scaling(objects: Objects, profile: Profile, lending: Lending | None, na
     BusError
     """
     plate, said = nameplate or KnownMotor(), list[str]()
-    torque_nm = _rated_torque_nm(objects, profile, plate, said)
+    torque_nm, rated_unit_nm = _rated_torque_nm(objects, profile, plate, said)
     unit_nm = 1e-3 * (profile.torque_scale.nm or torque_nm)
     reading_nm = profile.actual_torque.nm or unit_nm
     current_a = _rated_current_a(objects, plate, torque_nm, said)
     if profile.units == "factor_group":
         position, speed, acceleration, internal = _factor_group(objects, lending)
-        return Scaling(position, speed, acceleration, unit_nm, internal, torque_nm, current_a, said=tuple(said), reading_nm=reading_nm)
+        return Scaling(
+            position, speed, acceleration, unit_nm, internal, torque_nm, current_a, said=tuple(said), reading_nm=reading_nm,
+            rated_unit_nm=rated_unit_nm,
+        )  # fmt: skip
     counts = _counts(objects, profile, plate, said)
     position, metres, position_told = _position(objects, profile, counts)
     sizes = UnitSizes(position, TURN / counts if counts else None, metres)
@@ -188,7 +194,7 @@ def read_scaling(objects: Objects, profile: Profile, lending: Lending | None, na
     whole = counts or round(TURN / abs(position))
     return Scaling(
         position, speed, acceleration, unit_nm, whole, torque_nm, current_a, acceleration_unit.ramp, tuple(said), speed_told,
-        acceleration_told, position_told, reading_nm, stop_unit,
+        acceleration_told, position_told, reading_nm, stop_unit, rated_unit_nm,
     )  # fmt: skip
 
 
@@ -212,8 +218,8 @@ def _quick_stop(objects: Objects, unit: str, rad_s2: float, ramp: bool) -> list[
     ]
 
 
-def _rated_torque_nm(objects: Objects, profile: Profile, plate: KnownMotor, said: list[str]) -> float:
-    """6076h, in the unit of the profile, or that which agrees with axis.yaml, N m."""
+def _rated_torque_nm(objects: Objects, profile: Profile, plate: KnownMotor, said: list[str]) -> tuple[float, float]:
+    """6076h, in the unit of the profile, or that which agrees with axis.yaml, N m, and that unit; 0 where the drive does not tell it."""
     raw, expected = objects.read_if_there(0x6076, 0, "uint32"), plate.rated_torque_nm
     if not raw:
         if expected is None:
@@ -222,26 +228,28 @@ def _rated_torque_nm(objects: Objects, profile: Profile, plate: KnownMotor, said
                 "torques; state motor.rated_torque_nm in axis.yaml and give --axis, or enter the motor's data with the maker's tool"
             )
         said.append(f"the drive tells no rated torque (6076h): {expected:.4g} N m from axis.yaml are taken")
-        return expected
+        return expected, 0.0
     if profile.rated_torque_unit_nm is not None:
-        return raw * profile.rated_torque_unit_nm
+        return raw * profile.rated_torque_unit_nm, profile.rated_torque_unit_nm
     return _rating(0x6076, raw, expected, _TORQUE_UNITS, "N m", said)
 
 
-def _rating(index: int, raw: int, expected: float | None, units: Mapping[float, str], of: str, said: list[str]) -> float:
-    """A rating in the first of the units, or that in which it agrees with axis.yaml; axis.yaml's where the drive counts too coarsely."""
+def _rating(index: int, raw: int, expected: float | None, units: Mapping[float, str], of: str, said: list[str]) -> tuple[float, float]:
+    """A rating in the first of the units, or that in which it agrees with axis.yaml, and that unit; axis.yaml's rating where the drive
+    counts too coarsely."""
     usual = unit = next(iter(units))
     if expected is not None and not _alike(raw * unit, expected):
         unit = next((one for one in units if _alike(raw * one, expected)), usual)
         if unit != usual:
             said.append(
                 f"{index:04X}h = {raw} is {raw * unit:.4g} {of} if it counts in {units[unit]}, which agrees with axis.yaml "
-                f"({expected:.4g} {of}), and not in {units[usual]} as CiA 402 says"
+                f"({expected:.4g} {of}), and not in {units[usual]} as CiA 402 says; if it is meant in {units[usual]}, correct the motor's "
+                "data with the maker's tool"
             )
             if unit > _COARSE * expected and abs(raw * unit - expected) < unit:
                 said.append(f"{index:04X}h is too coarse in {units[unit]}: {expected:.4g} {of} from axis.yaml are taken")
-                return expected
-    return raw * unit
+                return expected, unit
+    return raw * unit, unit
 
 
 def _alike(one: float, other: float) -> bool:
@@ -253,7 +261,7 @@ def _rated_current_a(objects: Objects, plate: KnownMotor, torque_nm: float, said
     raw = objects.read_if_there(0x6075, 0, "uint32")
     if raw:
         by_torque = (plate.rated_torque_nm or torque_nm) / plate.torque_constant_nm_a if plate.torque_constant_nm_a else None
-        return _rating(0x6075, raw, by_torque, _CURRENT_UNITS, "A", said)
+        return _rating(0x6075, raw, by_torque, _CURRENT_UNITS, "A", said)[0]
     if plate.torque_constant_nm_a:
         found = torque_nm / plate.torque_constant_nm_a
         said.append(f"the drive tells no rated current (6075h): {found:.4g} A by the torque constant in axis.yaml are taken")

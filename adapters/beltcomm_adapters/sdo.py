@@ -35,7 +35,7 @@ RETRY_S: Final = 0.2
 #: answer to the first attempt comes in the second.  Waits over the usual one: of a node that has answered, and of one that never has.
 _PATIENCE: Final = (1.0, 1.0, 1.0, 1.0, 1.0)
 _FIRST_PATIENCE: Final = (1.0, 2.0, 4.0)
-#: An answer is waited for as long as the slowest so far took, times this; at most so long, s.
+#: An answer is waited for as long as the slowest so far took, times this; at most so long, s, as is one that two transfers in a row lacked.
 _OVER_SLOWEST, _LONGEST_ANSWER_S = 3.0, 3.0
 #: Client commands that begin a transfer, and answers that name its object (CiA 301, 7.2.4.3); an abort names it too.
 _DOWNLOAD, _UPLOAD, _NAMING, _ABORT = 1, 2, (2, 3), 0x80
@@ -62,7 +62,7 @@ _ANY: Final = bytes(3)
 class _Client(SdoClient):
     """Stock client that waits by pumping the link.   asked, doubled : requests, and answers beyond one to each.
 
-    differ : a second answer was not the first one.
+    differ : a second answer was not the first one.   answer_time_s : s, by the answers seen.   doubt : that much longer is waited.
     """
 
     RETRY_DELAY = 0.0
@@ -71,7 +71,7 @@ class _Client(SdoClient):
         super().__init__(0x600 + link.node, 0x580 + link.node, ObjectDictionary())  # type: ignore[no-untyped-call]  # canopen has no types
         self.network = self  # type: ignore[assignment]  # all that is asked of a network is send_message
         self.answer_time_s = ANSWER_TIME_S
-        self.patience = 1.0
+        self.patience = self.doubt = 1.0
         self.answered = self._again = False
         self._asked_s = 0.0
         self._object = self._previous = b""
@@ -111,13 +111,19 @@ class _Client(SdoClient):
         self.differ |= self._answers.get(data[1:4], data) != data
 
     def follow(self, again: bool) -> None:
-        """A transfer is over; ``again``: it was begun anew.  When two in a row were, answers come late: no adapter loses so many."""
+        """A transfer is over; ``again``: it was begun anew.  When two in a row were, answers may come late, and more time is given.
+
+        Until one comes at the first attempt: then its time is known, and where frames got lost or changed places, every further one would
+        be waited for in vain, for seconds each.
+        """
         if again and self._again:
-            self.answer_time_s = min(2.0 * self.answer_time_s, _LONGEST_ANSWER_S)
+            self.doubt = min(2.0 * self.doubt, max(_LONGEST_ANSWER_S / self.answer_time_s, 1.0))
+        elif not again:
+            self.doubt = 1.0
         self._again = again
 
     def read_response(self) -> bytes:
-        end_s = self._asked_s + self.patience * self.answer_time_s
+        end_s = self._asked_s + self.patience * self.doubt * self.answer_time_s
         while self.responses.empty():
             left_s = end_s - self._link.clock.now()
             if left_s <= 0:
@@ -384,6 +390,7 @@ class SdoObjects(Objects):
     def save(self, place: Place = SAVE_PLACE, value: int = SAVE, time_s: float | None = None) -> None:
         """Store the parameters in the drive for good, with the patience that takes."""
         usual_s, self._client.answer_time_s = self._client.answer_time_s, time_s or SAVE_TIME_S
+        self._client.doubt = 1.0
         try:
             self.write(*place, value)
         finally:
@@ -417,7 +424,7 @@ class SdoObjects(Objects):
             except SdoCommunicationError as error:
                 unanswered += 1
                 if unanswered >= len(patience):
-                    waited_s = sum(patience) * self._client.answer_time_s
+                    waited_s = sum(patience) * self._client.doubt * self._client.answer_time_s
                     raise BusError(
                         f"node {self.node} gave no valid answer to {verb} of object {name_of(index, subindex)} in {unanswered} attempts "
                         f"over {waited_s:.1f} s ({error}); "

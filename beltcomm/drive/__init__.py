@@ -298,7 +298,8 @@ class Capabilities:
     uncalibrated : frozenset of str
         Those of them whose meaning nobody knows yet: :meth:`Drive.write` refuses to change them until :meth:`Drive.calibrate` has told.
     cautions : tuple of str
-        What of the limits that a record sets it does not take, and what stops the axis instead, in sentences.
+        What of its units and ratings is not its own word, what of the limits that a record sets it does not take, and what stops the axis
+        instead, in sentences.
     not_taken : frozenset of int
         The objects that hold these limits.
     gains
@@ -323,7 +324,7 @@ class Capabilities:
         A following error beyond its window is known to be a fault that stops it; where it is not, a host that is lost in a move is
         predicted without it as well.
     units : Mapping of str to float, SI at the motor shaft
-        One raw unit of position, speed, acceleration and torque, by these names: those that drive or profile tell.
+        One raw unit of position, speed, acceleration, torque and rated torque, by these names: those that drive or profile tell.
     """
 
     name: str

@@ -46,7 +46,7 @@ def able(drive: Drive, kind: MotionKind) -> Drive:
         if wrong := [f"{one.text}; {one.remedy}" for one in found if one.state == "wrong"]:
             drive.close()
             raise DriveError(f"{has.name} cannot be recorded: {wrong[0]}; nothing was moved")
-        cautions = tuple(one.text for one in found if one.state == "warning")
+        cautions = (*has.cautions, *(one.text for one in found if one.state == "warning"))
         refused = frozenset(int(one.values["limit_object"]) for one in found if "limit_object" in one.values)
         drive.capabilities = replace(has, cautions=cautions, not_taken=refused)
         return drive

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from beltcomm.arrays import Array
 from beltcomm.axis import Axis
+from beltcomm.drive.objects import name_of
 from beltcomm.errors import DataError
-from beltcomm.foreign.canopen import ObjectSamples, Place, Seen, objects_seen, pdos, samples
+from beltcomm.foreign.canopen import ObjectSamples, Place, Seen, objects_seen, pdos, samples, unanswered_mappings
 from beltcomm.foreign.canunits import LogUnits, Overheard, profile_of, units_of
 from beltcomm.foreign.excited import excitation_of, is_sweep
 from beltcomm.foreign.framelog import FrameLog
@@ -178,6 +179,12 @@ def _balance(log: FrameLog, node: int, rows: _Rows, early: int, taken: int, move
     words = [f"{read} frames of the file were read, {log.of_node(node)} of node {node}"]
     twice = log.doubled()
     words += [f"{twice} stand there twice at the same time"] * (twice > 0)
+    doubted = [name_of(*place) for place in unanswered_mappings(log, node)]
+    words += [
+        f"{len(doubted)} requests to the mapping of PDOs have no answer in the log (the first to {doubted[0]}), so what frames carry "
+        "behind them is in doubt: look whether moves are missing, or say what the frames carry with --signal"
+        for _ in doubted[:1]
+    ]
     unexplained = f"not read are {early} frames with the position before the set-up, which the log does not explain"
     words += [f"{unexplained} (where a file before it does, join the two)"] * (early > 0)
     without = len(rows.frames) - there - early

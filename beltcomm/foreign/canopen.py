@@ -16,6 +16,10 @@ Place = tuple[int, int]
 """Index and subindex of an object."""
 
 _ABORT = 4
+#: Answers that name their object: to the first frame of an upload or download, and a refusal (CiA 301, 7.2.4.3).
+_NAMING = (2, 3, _ABORT)
+#: How far an answer may stand from its request on the wrong side, frames and s: those of one instant change places, no others.
+_FRAMES_APART, _SECONDS_APART = 5, 5e-3
 _INVALID = 1 << 31
 #: Communication and mapping objects of the PDOs, by direction, and the identifiers that CiA 301 gives the first four.
 _PDO = {"received": (0x1400, 0x1600, 0x200), "sent": (0x1800, 0x1A00, 0x180)}
@@ -82,6 +86,7 @@ class ObjectSamples:
 @dataclass
 class _Transfer:
     place: Place = (0, 0)
+    frame: int = 0
     upload: bool = False
     data: bytearray = field(default_factory=bytearray)
     last: bool = False
@@ -90,60 +95,144 @@ class _Transfer:
 def objects_seen(log: FrameLog) -> list[Seen]:
     """Every SDO transfer that was confirmed, expedited or in segments; aborted ones are none.
 
+    An answer that stands a few frames before its request, or behind the next one, is taken for what it names: a logger with several
+    queues exchanges frames of one instant.
+
     Parameters
     ----------
     log : FrameLog
     """
-    found: list[Seen] = []
-    pending: dict[int, _Transfer] = {}
+    return _transfers(log)[0]
+
+
+def unanswered_mappings(log: FrameLog, node: int) -> list[Place]:
+    """Objects of the PDOs of a node that were asked for or written without an answer in the log, each once.
+
+    Parameters
+    ----------
+    log : FrameLog
+    node : int
+    """
+    open_ones = dict.fromkeys(transfer.place for number, transfer in _transfers(log)[1] if number == node)
+    return [place for place in open_ones if _pdo_object(place[0])[0] is not None]
+
+
+def _transfers(log: FrameLog) -> tuple[list[Seen], list[tuple[int, _Transfer]]]:
+    """Transfers that were confirmed, in the order of their confirmations, and those that nobody answered, with their node."""
+    conversations: dict[int, _Conversation] = {}
     base = log.identifier & ~0x7F
     node = log.identifier & 0x7F
     mask = ((base == 0x580) | (base == 0x600)) & (node > 0) & ~log.remote & (log.length == 8)
     for frame in np.flatnonzero(mask).tolist():
         number = int(node[frame])
-        data = log.data[frame].tobytes()
-        if base[frame] == 0x600:
-            _asked(pending, number, data)
-        elif number in pending:
-            done = _answered(pending, number, data)
-            if done is not None:
-                found.append(Seen(frame, number, done.place, bytes(done.data), not done.upload))
-    return found
+        talk = conversations.setdefault(number, _Conversation(log, number))
+        (talk.asked if base[frame] == 0x600 else talk.answered)(frame, log.data[frame].tobytes())
+    found = sorted((item for talk in conversations.values() for item in talk.end()), key=lambda item: item.frame)
+    return found, [(number, transfer) for number, talk in conversations.items() for transfer in talk.unanswered]
 
 
-def _asked(pending: dict[int, _Transfer], node: int, data: bytes) -> None:
-    command, place = data[0] >> 5, (int.from_bytes(data[1:3], "little"), data[3])
-    if command == 1:
-        expedited = bool(data[0] & 2)
-        unused = (data[0] >> 2) & 3 if data[0] & 1 else 0
-        pending[node] = _Transfer(place, False, bytearray(data[4 : 8 - unused] if expedited else b""), expedited)
-    elif command == 2:
-        pending[node] = _Transfer(place, True)
-    elif command == 0 and node in pending and not pending[node].upload:
-        pending[node].data += data[1 : 8 - ((data[0] >> 1) & 7)]
-        pending[node].last = bool(data[0] & 1)
-    elif command == _ABORT:
-        pending.pop(node, None)
+class _Conversation:
+    """SDO server of one node: requests whose answer may still come, the last one the transfer under way, and answers without a request.
+
+    unanswered : what was asked and not confirmed, nor refused, at the end.
+    """
+
+    def __init__(self, log: FrameLog, node: int) -> None:
+        self._log, self._node = log, node
+        self._confirmed: list[tuple[Seen, int]] = []  # with the frame of the request
+        self.unanswered: list[_Transfer] = []
+        self._open: list[_Transfer] = []
+        self._early: list[tuple[int, bytes]] = []
+
+    def asked(self, frame: int, data: bytes) -> None:
+        """A frame of the client."""
+        command, now = data[0] >> 5, self._open[-1] if self._open else None
+        self._settle()
+        if command in (1, 2):
+            self.unanswered += [one for one in self._open if not self._near(one.frame, frame)]
+            self._open = [one for one in self._open if self._near(one.frame, frame)]
+            transfer = _Transfer(_place(data), frame, command == 2)
+            if command == 1 and data[0] & 2:
+                transfer.data, transfer.last = _expedited(data), True
+            self._open.append(transfer)
+        elif command == 0 and now is not None and not now.upload:
+            now.data += data[1 : 8 - ((data[0] >> 1) & 7)]
+            now.last = bool(data[0] & 1)
+        elif command == _ABORT:
+            self._open.clear()
+
+    def answered(self, frame: int, data: bytes) -> None:
+        """A frame of the node."""
+        if data[0] >> 5 not in _NAMING or (data[0] >> 5 == _ABORT and _place(data) == (0, 0)):  # these name nothing
+            if self._open:
+                self._take(self._open[-1], frame, data)
+            return
+        meant = next((one for one in self._open if _fits(one, data)), None)
+        if meant is None:
+            self._early.append((frame, data))
+        else:
+            self._take(meant, frame, data)
+
+    def end(self) -> list[Seen]:
+        """What was confirmed, once no frame comes any more; without values asked for before another was written, which are gone."""
+        self._settle()
+        self.unanswered += self._open
+        written: dict[Place, Seen] = {}
+        kept = []
+        for item, asked in sorted(self._confirmed, key=lambda one: one[0].frame):
+            if item.written:
+                written[item.place] = item
+            last = written.get(item.place, item)
+            if last.value == item.value or asked > last.frame or not self._near(last.frame, item.frame):
+                kept.append(item)
+        return kept
+
+    def _settle(self) -> None:
+        """Take an answer that stood before its request, where none came behind it: one that came twice is no answer to what follows."""
+        for transfer in list(self._open):
+            early = next((one for one in self._early if _fits(transfer, one[1]) and self._near(one[0], transfer.frame)), None)
+            if early is not None:
+                self._take(transfer, transfer.frame, early[1])
+        if self._open:
+            self._early = [one for one in self._early if self._near(one[0], self._open[-1].frame)]
+
+    def _take(self, transfer: _Transfer, frame: int, data: bytes) -> None:
+        if data[0] >> 5 == _ABORT:
+            self._open.remove(transfer)
+        elif _completed(transfer, data):
+            self._open.remove(transfer)
+            seen = Seen(frame, self._node, transfer.place, bytes(transfer.data), not transfer.upload)
+            self._confirmed.append((seen, transfer.frame))
+
+    def _near(self, one: int, other: int) -> bool:
+        """True if two frames stand next to each other but for a few, at almost the same stamp."""
+        return abs(one - other) <= _FRAMES_APART and not abs(self._log.t_s[one] - self._log.t_s[other]) > _SECONDS_APART
 
 
-def _answered(pending: dict[int, _Transfer], node: int, data: bytes) -> _Transfer | None:
-    """The transfer that this answer completes; None when there is more to come, or it was refused."""
-    transfer, command = pending[node], data[0] >> 5
-    place = (int.from_bytes(data[1:3], "little"), data[3])
-    if command == _ABORT:
-        pending.pop(node, None)
-    elif command == 2 and transfer.upload and place == transfer.place:
-        if data[0] & 2:
-            unused = (data[0] >> 2) & 3 if data[0] & 1 else 0
-            transfer.data = bytearray(data[4 : 8 - unused])
-            return pending.pop(node)
-    elif command == 0 and transfer.upload:
+def _place(data: bytes) -> Place:
+    return int.from_bytes(data[1:3], "little"), data[3]
+
+
+def _expedited(data: bytes) -> bytearray:
+    unused = (data[0] >> 2) & 3 if data[0] & 1 else 0
+    return bytearray(data[4 : 8 - unused])
+
+
+def _fits(transfer: _Transfer, data: bytes) -> bool:
+    """True if an answer that names its object is one to this request."""
+    return _place(data) == transfer.place and data[0] >> 5 in (_ABORT, 2 if transfer.upload else 3)
+
+
+def _completed(transfer: _Transfer, data: bytes) -> bool:
+    """True if this answer completes the transfer; False when there is more to come."""
+    command = data[0] >> 5
+    if transfer.upload and command == 2 and data[0] & 2:
+        transfer.data = _expedited(data)
+        return True
+    if transfer.upload and command == 0:
         transfer.data += data[1 : 8 - ((data[0] >> 1) & 7)]
-        if data[0] & 1:
-            return pending.pop(node)
-    elif (command == 3 and place == transfer.place and transfer.last) or (command == 1 and transfer.last):
-        return pending.pop(node)
-    return None
+        return bool(data[0] & 1)
+    return not transfer.upload and transfer.last and command in (1, 3)
 
 
 def pdos(seen: list[Seen], node: int) -> list[Pdo]:

@@ -16,6 +16,7 @@ from beltcomm.language import tr
 from beltcomm.machine import gravity, scale
 from beltcomm.machine.creep import BREAKAWAY_SHARE, CREEP_SPEED_M_S, MARGIN_M, NEAR_M, RAMP_S, move_limits, small_move
 from beltcomm.machine.machine import stroking
+from beltcomm.machine.ratings import tell_ratings
 from beltcomm.result import Result
 from beltcomm.sentences.own_words import own_words
 from beltcomm.talk import Talk
@@ -114,6 +115,7 @@ def moved(drive: Drive, name: str, axis: Axis, by_m: float, options: Options, ta
         Settings of the session.
     talk : Talk
     """
+    tell_ratings(axis, drive.capabilities, talk)
     plan = _plan_of(axis, drive.capabilities, by_m)
     if options.dry_run:
         return plan_result(plan)

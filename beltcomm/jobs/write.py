@@ -22,6 +22,7 @@ from beltcomm.foreign.eds import ObjectFile, load_object_file
 from beltcomm.given import pasted
 from beltcomm.machine import gains, stops
 from beltcomm.machine.machine import Machine
+from beltcomm.machine.ratings import fault_of, tell_ratings
 from beltcomm.machine.writable import Writable, begun_with, titles
 from beltcomm.result import Result, plain
 from beltcomm.rundata import backups, offline
@@ -74,6 +75,8 @@ def apply_to(
         A drive whose move fails has its values from before again.
     """
     claim(folder, drive.capabilities, options, talk)
+    if folder.has_axis:
+        tell_ratings(folder.axis, drive.capabilities, talk)  # gains count in parts of the rated torque
     recall(drive, folder)
     remarks: list[str] = []
     if dcf is None and drive.capabilities.gains == "unknown":
@@ -121,6 +124,8 @@ def roll_back(drive: Drive, name: str, folder: RunFolder, which: str | None, opt
     recall(drive, folder)
     if unread := begun_with(folder)[1]:
         talk.say(f"{unread}; limits are held against axis.yaml and what the drive has now")
+    if folder.has_axis:  # raw values come back as they were, whatever they count in
+        talk.say(*filter(None, (fault_of(folder.axis, drive.capabilities), *drive.capabilities.cautions)))
     found = gains.differences(drive, folder, backups.values_to_restore(backup, drive))
     if options.dry_run:
         return _planned(folder, found)

@@ -11,6 +11,7 @@ from beltcomm.drive import Capabilities, KnownMotor
 from beltcomm.errors import DataError, UsageError
 from beltcomm.given import pasted
 from beltcomm.runfolder import RunFolder
+from beltcomm.talk import Talk
 
 #: Units of a drive by name: in words, SI, and the objects that make them.
 _UNITS = {
@@ -18,6 +19,7 @@ _UNITS = {
     "speed": ("speed", "rad/s", "60A9h, 6094h, 6092h"),
     "acceleration": ("acceleration", "rad/s²", "60AAh, 6097h, 6092h"),
     "torque": ("torque", "N m", "6076h, the rated torque"),
+    "rated_torque": ("rated torque", "N m", "6076h"),
 }
 #: Share by which a unit may differ and be the same: numbers of a file.
 SAME_UNIT = 1e-6
@@ -183,6 +185,27 @@ def check_ratings(axis: Axis, capabilities: Capabilities) -> list[str]:
         raise UsageError("; ".join(wrong) + (f". {own_machine()}" if "plant" in capabilities.identity else ""))
     counted = counts_rating(axis, capabilities.encoder_counts_per_rev or capabilities.counts_per_rev)
     return [counted.words()] if counted.share != 1.0 else []
+
+
+def tell_ratings(axis: Axis, capabilities: Capabilities, talk: Talk) -> None:
+    """Ask :func:`check_ratings` before a command writes or moves what is scaled by them, and say what is not the drive's own word.
+
+    Parameters
+    ----------
+    axis : Axis
+    capabilities : Capabilities
+    talk : Talk
+
+    Raises
+    ------
+    UsageError
+        For values that differ; nothing was written or moved.
+    """
+    try:
+        told = check_ratings(axis, capabilities)
+    except UsageError as error:
+        raise UsageError(f"nothing was written or moved: {error}") from error
+    talk.say(*(line for line in (*told, *capabilities.cautions) if line))
 
 
 def check_units(folder: RunFolder, capabilities: Capabilities) -> None:

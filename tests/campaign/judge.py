@@ -148,7 +148,7 @@ def _ended(case: Case, outcome: Outcome, run: Path, rig: Rig) -> list[str]:
     true = true.replace("CODE", f"{case.faults.get('emergency_code', 0):04X}h")
     if outcome.code not in (case.normal, *codes):
         wrong.append(f"exit code {outcome.code}, right are {case.normal} and {codes}")
-    if case.kind in ALWAYS and outcome.code == case.normal:
+    if case.kind in ALWAYS and outcome.code == case.normal and not re.search(OTHER_UNIT, outcome.text):
         wrong.append("it was not noticed")
     sentence = _sentence(outcome.text)
     refused = [rig.examiner.asked[number - 1] for number in case.faults.get("sdo_abort", ()) if number <= rig.examiner.begun]
@@ -169,6 +169,7 @@ def _ended(case: Case, outcome: Outcome, run: Path, rig: Rig) -> list[str]:
 
 
 #: Faults that are there from the beginning and must not pass.
+OTHER_UNIT = r"6076h = \d+ is .* if it counts in cN m"  # a tenth of the rated torque is this, and torques are scaled rightly
 ALWAYS = ("wrong scaling", "feed constant doubled", "sign inverted")
 REMEDY = (
     r"\b(check|choose|set|remove|plug|repeat|switch|make room|look|identify again|give|correct|enter|begin|bring|shorten|reduce|record|"
