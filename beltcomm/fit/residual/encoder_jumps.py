@@ -4,6 +4,9 @@ At a jump one step of the angle differs from the mean of its neighbours by all o
 
     Δθ[n] - (Δθ[n-1] + Δθ[n+1])/2 = T²/(4 J) (torque[n-1] - torque[n+1] - change of the load),    Δθ[n] = θ[n+1] - θ[n].
 
+In the trace of a loop that is faster than the record the torque changes within a sample n, unseen but for its end: then the steps
+behind and before it are too long and too short by the same, T²/(4 J) of the change at most, and the one between is not.
+
 A step that stands out is a suspicion; it is proven when the record without the jump is explained by the model and with it is not.
 """
 
@@ -15,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, IntArray
 from beltcomm.errors import DamagedRecord
 from beltcomm.fit.residual.segment import segments
 from beltcomm.fit.residual.whitened import whitened_residual
@@ -27,6 +30,8 @@ from beltcomm.recording import Recording
 SUSPICIOUS = 2.5
 CERTAIN = 5.0
 BEYOND_ROUNDING = 10.0
+#: Times the 99th percentile of its changes from which on one of the torque is sudden; share by which the two steps around it may differ.
+SUDDEN, ALIKE = 3.0, 0.5
 #: Share of a record's misfit that taking a jump out must remove, and how many are looked for.
 SHARE_REMOVED = 0.2
 MOST_JUMPS = 5
@@ -59,6 +64,7 @@ def largest_step(recording: Recording, inertia_kg_m2: float, step_rad: float, st
         return None
     by_torque = recording.sample_period_s**2 / (4.0 * inertia_kg_m2) * (torque[:-3] - torque[2:-1])
     odd = steps[1:-1] - 0.5 * (steps[:-2] + steps[2:]) - by_torque
+    odd[_beside_sudden_torque(torque, odd)] = 0.0
     lost = recording.gaps
     for near in (lost - 2, lost - 1, lost):  # a step over lost samples is longer, and so do its neighbours see it
         odd[near[(near >= 0) & (near < len(odd))]] = 0.0
@@ -66,6 +72,19 @@ def largest_step(recording: Recording, inertia_kg_m2: float, step_rad: float, st
     if abs(odd[at]) <= striking * float(np.percentile(np.abs(odd), 99.0)) + BEYOND_ROUNDING * step_rad:
         return None
     return at + 2, float(odd[at])
+
+
+def _beside_sudden_torque(torque: Array, odd: Array) -> IntArray:
+    """Places of the steps behind and before a sudden change of the torque, which are off by the same the other way.
+
+    torque : (n,) N m.   odd : (n - 3,) rad, of the steps from the second on.
+    """
+    change = np.diff(torque)
+    at = np.flatnonzero(np.abs(change) > SUDDEN * float(np.percentile(np.abs(change), 99.0)))
+    at = at[(at >= 2) & (at < len(odd))]  # the change in row n; behind it odd[n], before it odd[n - 2]
+    behind, before = odd[at], odd[at - 2]
+    alike = (np.abs(behind + before) <= ALIKE * np.abs(behind)) & (behind * change[at] > 0.0)
+    return np.concatenate((at[alike], at[alike] - 2))
 
 
 def proven_jumps(recording: Recording, model: Model, step_rad: float, noise_nm: float) -> tuple[Jump, ...]:
