@@ -33,3 +33,23 @@ def test_a_torque_that_changes_within_a_sample_is_no_jump_of_the_encoder(slip: b
     found = largest_step(record, INERTIA, 1e-4, CERTAIN)
     assert (found is not None) == slip
     assert found is None or abs(found[0] - (AT + 1)) <= 1
+
+
+def test_a_glitch_of_two_samples_is_no_torque_although_the_loop_answers() -> None:
+    """The steps on both sides are off alike, and between them the torque changes suddenly, but their neighbours are off, too."""
+    rng = np.random.default_rng(3)
+    torque = 0.02 * np.sin(np.arange(ROWS) / 40.0) + rng.normal(0.0, 2e-3, ROWS)
+    speed = np.cumsum(torque) * SAMPLE_S / INERTIA
+    angle = np.concatenate(([0.0], np.cumsum(speed)[:-1])) * SAMPLE_S
+    angle[AT : AT + 2] += 5e-3
+    torque[AT + 1 :] -= 0.2
+    record = Recording(
+        name="trace",
+        t_s=SAMPLE_S * np.arange(ROWS),
+        torque=torque,
+        torque_setpoint=None,
+        position=angle,
+        cart_position_m=None,
+        sidecar=Sidecar("trajectory"),
+    )
+    assert largest_step(record, INERTIA, 1e-4, CERTAIN) is not None

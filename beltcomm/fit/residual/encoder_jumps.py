@@ -5,7 +5,7 @@ At a jump one step of the angle differs from the mean of its neighbours by all o
     Δθ[n] - (Δθ[n-1] + Δθ[n+1])/2 = T²/(4 J) (torque[n-1] - torque[n+1] - change of the load),    Δθ[n] = θ[n+1] - θ[n].
 
 In the trace of a loop that is faster than the record the torque changes within a sample n, unseen but for its end: then the steps
-behind and before it are too long and too short by the same, T²/(4 J) of the change at most, and the one between is not.
+behind and before it are too long and too short by the same, and the others are not.  (Of a glitch of two samples all neighbours are off.)
 
 A step that stands out is a suspicion; it is proven when the record without the jump is explained by the model and with it is not.
 """
