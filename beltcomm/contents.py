@@ -86,7 +86,7 @@ _TORQUE_PATH: dict[str, Any] = {
     "commanded": bool,
     "acts": float,
     "unseen?": bool,
-    "continuous?": bool,
+    "instantaneous?": bool,
     "process?": dict.fromkeys(("rms_nm", "time_s", "rms_interval", "time_interval"), SIZE),
 }
 _TORQUE_PATH["rivals"] = [_TORQUE_PATH]

@@ -67,7 +67,7 @@ def measure_delay_and_damping(findings: Findings, recordings: Sequence[Recording
 
 def _at_instants(measured: DeadTime, findings: Findings, sample_s: float) -> DeadTime:
     """The delay where setpoint and torque were both read at instants: the torque that acts is then its mean, half a period ahead of it."""
-    if findings.path is None or not findings.path.continuous:
+    if findings.path is None or not findings.path.instantaneous:
         return measured
     return replace(measured, value_s=measured.value_s + 0.5 * sample_s, samples=measured.samples + 0.5)
 

@@ -46,7 +46,7 @@ def path_data(path: TorquePath, sample_s: float) -> dict[str, Any]:
     -------
     dict
         drive: delay and delay_interval in periods, lags, gain; reading: late in periods, lags, at_end (of the period, else its mean);
-        commanded; unseen, without a setpoint; continuous, read at instants; rivals of the same shape; process, where a torque that acts
+        commanded; unseen, without a setpoint; instantaneous, read at instants; rivals of the same shape; process, where a torque that acts
         beside the setpoint has a correlation time, or is not all read: rms_nm, time_s (0: white) and their intervals;
         sample_period_s; delay_s from setpoint to acting torque, None where the path has no setpoint; words, a list of sentences, empty for
         a whole delay and a faithful reading.
@@ -113,7 +113,7 @@ def _words_of(path: TorquePath, sample_s: float) -> str:
     if path.commanded:
         told = "the reported torque is the command: what acts is told by the motion alone"
         return "; ".join([told, *drive])
-    if path.continuous:
+    if path.instantaneous:
         early = path.reading.late < 0.0
         instant = f", read {abs(path.reading.late):.2f} samples {'early' if early else 'late'}" if abs(path.reading.late) > WHOLE else ""
         return f"the torque changes between the samples, as under a loop that is faster than the record{instant}"

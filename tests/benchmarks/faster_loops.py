@@ -119,7 +119,7 @@ def main(first: int, count: int) -> None:
         held += [abs(size) <= 1.0 for size in off.values()]
         path, words = begun[0].path, ", ".join(f"{name} {size:.2f}" for name, size in off.items())
         print(
-            f"{seed}  {found.verdict}, {begun[1].ratio:.3f} times the noise, continuous {path.continuous}; in intervals: {words}",
+            f"{seed}  {found.verdict}, {begun[1].ratio:.3f} times the noise, read at instants {path.instantaneous}; in intervals: {words}",
             flush=True,
         )
     print(f"nothing missing {share(right)}; truth in the interval {share(held)}")

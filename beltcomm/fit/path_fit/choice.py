@@ -24,8 +24,8 @@ from beltcomm.fit.path_fit.trial_paths import (
     LATE_SHARES,
     LOOP_SHARES,
     SWITCHING,
-    continuous_paths,
     families_without_setpoint,
+    instantaneous_paths,
     kind_of,
     lookalikes,
     times_tried,
@@ -149,7 +149,7 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
     ways = ways_of([(one.law, one.at_end) for one in (chain, other) if one is not None], sample_s)
     if not any(path.reading.faithful for path in ways):
         ways.append(faithful)
-    trials = _possible(_fit_ways(data, lively, start, [*ways, *continuous_paths()]), sample_s)
+    trials = _possible(_fit_ways(data, lively, start, [*ways, *instantaneous_paths()]), sample_s)
     trials, hidden = _refine_kinds(data, lively, trials), list[TorquePath]()
     if trials[0][1].ratio > HIDDEN:
         hidden = ways_of([(one.law, one.at_end) for one in hidden_chains(to_fit, chain)], sample_s, beside=ways)
@@ -179,7 +179,7 @@ def _refine_kinds(
     for path, fitted in trials:
         kind = kind_of(path, recordings[0].sample_period_s)
         found.append((path, fitted) if kind in kinds or len(kinds) >= REFINED else _refine(data, recordings, path, fitted))
-        if not path.continuous:  # one of its own, beside which those of a held torque have their chance
+        if not path.instantaneous:  # one of its own, beside which those of a held torque have their chance
             kinds.add(kind)
     return found
 
@@ -265,8 +265,8 @@ def _fit_ways(
 
 def _possible(trials: Sequence[tuple[TorquePath, Fitted]], sample_s: float) -> list[tuple[TorquePath, Fitted]]:
     """Trials in their order; of those by a torque that changes all the time the best, for its instant is fitted, where it can be."""
-    best = min((trial for trial in trials if trial[0].continuous), key=lambda trial: _level(trial[1]), default=None)
-    return [trial for trial in trials if not trial[0].continuous or (trial is best and trial[0].can_be_undone(sample_s))]
+    best = min((trial for trial in trials if trial[0].instantaneous), key=lambda trial: _level(trial[1]), default=None)
+    return [trial for trial in trials if not trial[0].instantaneous or (trial is best and trial[0].can_be_undone(sample_s))]
 
 
 def _by_path(data: Data, recordings: Sequence[Recording], model: Model, path: TorquePath) -> Data:
@@ -297,7 +297,7 @@ def _best(
     plain_first : the first trial is the one that stays, whatever else is faithful.   less_likely : -2 ln L of setpoint and reading above
     the least, by whether the reading is the torque at the end of the period.
     """
-    usual = trials[:1] if plain_first else [trial for trial in trials if trial[0].reading.faithful and not trial[0].continuous]
+    usual = trials[:1] if plain_first else [trial for trial in trials if trial[0].reading.faithful and not trial[0].instantaneous]
     faithful, first = min(usual, key=lambda trial: _level(trial[1]))
     samples = first.problem.samples
     path, best = min(trials, key=lambda trial: _level(trial[1], first) + less_likely.get(trial[0].reading.at_end, 0.0) / max(samples, 1))

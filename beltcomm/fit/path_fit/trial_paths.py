@@ -67,7 +67,7 @@ def kind_of(path: TorquePath, sample_s: float) -> tuple[object, ...]:
     def lags_s(law: DriveLaw | ReadingLaw | None) -> int:
         return round(sum(lag.delay_s(sample_s) for lag in law.lags) / (WHOLE * sample_s)) if law is not None else 0
 
-    return lags_s(path.drive), lags_s(path.reading), path.reading.at_end, path.commanded, path.continuous
+    return lags_s(path.drive), lags_s(path.reading), path.reading.at_end, path.commanded, path.instantaneous
 
 
 def _split_second_order(law: DriveLaw) -> list[DriveLaw]:
@@ -139,9 +139,9 @@ def times_tried(sample_s: float) -> list[float]:
     return [share * sample_s for share in DRIVE_SHARES if share * sample_s <= LONGEST_S]
 
 
-def continuous_paths() -> list[TorquePath]:
+def instantaneous_paths() -> list[TorquePath]:
     """Paths under a loop that is faster than the record: the reading is the torque at an instant, more or less late."""
-    return [TorquePath(None, ReadingLaw(late), continuous=True) for late in (0.0, *LATE_SHARES)]
+    return [TorquePath(None, ReadingLaw(late), instantaneous=True) for late in (0.0, *LATE_SHARES)]
 
 
 def families_without_setpoint(sample_s: float) -> tuple[Callable[[TorquePath], list[TorquePath]], ...]:
@@ -195,8 +195,9 @@ def families_without_setpoint(sample_s: float) -> tuple[Callable[[TorquePath], l
         others = [Lag("second order", (ratio / (math.pi * lags[0].values[0]), ratio)) for ratio in DAMPING_RATIOS]
         return possible(replace(path, drive=replace(drive_of(path), lags=(lag,))) for lag in others)
 
-    def continuous(path: TorquePath) -> list[TorquePath]:
-        return [replace(one, without_setpoint=True) for one in continuous_paths()] if path.reading.faithful and path.drive is None else []
+    def instantaneous(path: TorquePath) -> list[TorquePath]:
+        plain = path.reading.faithful and path.drive is None
+        return [replace(one, without_setpoint=True) for one in instantaneous_paths()] if plain else []
 
     held = (filtered, late, behind_loop, read_at_end, switched, of_second_order)
-    return continuous, *((lambda path, family=family: [] if path.continuous else family(path)) for family in held)
+    return instantaneous, *((lambda path, family=family: [] if path.instantaneous else family(path)) for family in held)

@@ -170,7 +170,7 @@ def _free_delays(path: TorquePath) -> tuple[int, ...]:
     if _is_divided(path):
         return (1,)
     own = before > WHOLE and (late > WHOLE or abs(before - round(before)) > WHOLE)
-    return (*((0,) if own else ()), *((1,) if late > WHOLE or path.continuous else ()))
+    return (*((0,) if own else ()), *((1,) if late > WHOLE or path.instantaneous else ()))
 
 
 def _is_divided(path: TorquePath) -> bool:
@@ -181,7 +181,7 @@ def _is_divided(path: TorquePath) -> bool:
 
 def _most(path: TorquePath, values: Array) -> Array:
     """Changes of the values that a first order bears: of a delay part of a period, not below 0; an instant of a reading may be."""
-    if path.continuous:
+    if path.instantaneous:
         return np.full(len(values), MOST)
     most, first = MOST * values, sum(len(lag.values) for lag in _lags(path))
     delays = slice(first, first + len(_free_delays(path)))
@@ -201,7 +201,7 @@ def _values(path: TorquePath) -> Array:
 
 def _units(path: TorquePath, values: Array) -> Array:
     """Size of each value for differences; a period for the instant of a reading, which may be 0."""
-    return np.ones(len(values)) if path.continuous else values
+    return np.ones(len(values)) if path.instantaneous else values
 
 
 def _delays(path: TorquePath) -> tuple[float, float]:

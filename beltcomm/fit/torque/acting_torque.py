@@ -95,7 +95,7 @@ def stated_remarks(path: TorquePath, stated: StatedReading | None, sample_s: flo
 
 def _off(path: TorquePath, stated: StatedReading, sample_s: float) -> list[tuple[str, str, str, str]]:
     """Statements that a path contradicts: field, what, as stated, as found."""
-    if path.commanded or path.continuous:  # an instant within a sample is the trace's, not the drive's
+    if path.commanded or path.instantaneous:  # an instant within a sample is the trace's, not the drive's
         return []
     found = []
     times = [_time_s(lag, sample_s) for lag in path.reading.lags]

@@ -27,7 +27,7 @@ from beltcomm.arrays import Array, later, row_means
 from beltcomm.compiled import compiled
 from beltcomm.fit.noise.colour import NoiseColour, deconvolve, undone_noise
 from beltcomm.fit.noise.process_torque import ProcessTorque, Unread, process_from_dict, process_to_dict, with_unread
-from beltcomm.fit.torque.continuous import spline_cells, spline_noise
+from beltcomm.fit.torque.instantaneous import spline_cells, spline_noise
 from beltcomm.simulate.imperfect import CELLS, Intersample
 
 #: A filter: of the drive's samples, or of continuous time and of first or second order, as a current loop is; or a limit of the slew rate.
@@ -214,7 +214,7 @@ class ReadingLaw:
     Attributes
     ----------
     late : float
-        Sampling periods, 0 and more; of a continuous path also a part of one before the angle.
+        Sampling periods, 0 and more; of an instantaneous one also a part of one before the angle.
     lags : tuple of Lag
         One behind the other.
     at_end : bool
@@ -273,7 +273,7 @@ class TorquePath:
     Attributes
     ----------
     drive : DriveLaw or None
-        None where no setpoint was recorded and the torque is held over each period, or where it is continuous.
+        None where no setpoint was recorded and the torque is held over each period, or where the reading is an instantaneous value.
     commanded : bool
         Whether the reading is only the command.
     acts : float
@@ -284,7 +284,7 @@ class TorquePath:
         Other paths that the records do not tell from this one.
     process : ProcessTorque or None
         What acts beside the setpoint's part, where reading and motion tell how long it lasts, or how much of it is not read.
-    continuous : bool
+    instantaneous : bool
         Whether the reading is the torque at an instant and changes all the time between: a loop is faster than the record.
     """
 
@@ -295,12 +295,12 @@ class TorquePath:
     without_setpoint: bool = False
     rivals: tuple[TorquePath, ...] = field(default=(), compare=False)
     process: ProcessTorque | None = None
-    continuous: bool = False
+    instantaneous: bool = False
 
     @property
     def read_as_acts(self) -> bool:
         """True if the reading is the torque that acts."""
-        return self.reading.faithful and not self.commanded and not self.continuous
+        return self.reading.faithful and not self.commanded and not self.instantaneous
 
     @property
     def chain(self) -> DriveLaw | None:
@@ -349,7 +349,7 @@ class TorquePath:
         tuple[ndarray, Intersample | None]
             Mean over each period, (n,), N m, and its spread inside.
         """
-        if self.continuous:
+        if self.instantaneous:
             cells = spline_cells(torque, self.reading.late, CELLS)
             means = row_means(cells)
             return means, Intersample(cells - means[:, None])
@@ -389,7 +389,7 @@ class TorquePath:
         ValueError
             For a path that cannot be undone.
         """
-        if self.continuous:
+        if self.instantaneous:
             return spline_noise(pole)
         if self.commanded or (self.reading.faithful and self.drive is None) or not (self.without_setpoint or self.drive is None):
             return self._beside_setpoint(pole, sample_s)
@@ -458,7 +458,7 @@ class TorquePath:
         bool
             Not of one read at instants that are far from those of the angle: then the torque is held, or stands in another row.
         """
-        if self.continuous and abs(self.reading.late) > APART:
+        if self.instantaneous and abs(self.reading.late) > APART:
             return False
         try:
             self.acting_noise(0.0, sample_s)
@@ -529,7 +529,7 @@ def path_to_dict(path: TorquePath) -> dict[str, Any]:
         "commanded": path.commanded,
         "acts": float(path.acts),
         "unseen": path.without_setpoint,
-        "continuous": path.continuous,
+        "instantaneous": path.instantaneous,
         "rivals": [path_to_dict(rival) for rival in path.rivals],
         **process_to_dict(path.process),
     }
@@ -573,8 +573,8 @@ def path_from_dict(data: Mapping[str, Any]) -> TorquePath:
     reading = ReadingLaw(float(data["reading"]["late"]), lags(data["reading"]), bool(data["reading"].get("at_end", False)))
     rivals = tuple(path_from_dict(rival) for rival in data["rivals"])
     process = process_from_dict(data.get("process"))
-    unseen, continuous = (bool(data.get(key, False)) for key in ("unseen", "continuous"))
-    return TorquePath(law, reading, bool(data["commanded"]), float(data["acts"]), unseen, rivals, process, continuous)
+    unseen, instantaneous = (bool(data.get(key, False)) for key in ("unseen", "instantaneous"))
+    return TorquePath(law, reading, bool(data["commanded"]), float(data["acts"]), unseen, rivals, process, instantaneous)
 
 
 def torque_at(cells: Array, share: float) -> Array:

@@ -15,7 +15,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import lfilter
 
 from beltcomm.fit.model_fit import fit_model
-from beltcomm.fit.torque.continuous import spline_cells, spline_noise
+from beltcomm.fit.torque.instantaneous import spline_cells, spline_noise
 from beltcomm.fit.torque.path import DriveLaw, ReadingLaw, TorquePath, path_from_dict, path_to_dict
 from beltcomm.fit.torque.reading_fit import unlikely_readings
 from beltcomm.recording import Recording
@@ -71,7 +71,7 @@ def test_the_torque_of_a_faster_loop_changes_between_the_samples(with_setpoint: 
     truth = true_model(draw("g_b", np.random.default_rng(3)))
     start = truth.with_values({name: factor * truth[name] for name, factor in zip(TOLD, (1.1, 0.9, 1.15), strict=True)})
     found = fit_model(records, start, counts_per_rev=COUNTS)
-    assert found.path.continuous
+    assert found.path.instantaneous
     assert abs(found.path.reading.late) < 0.1
     assert path_lines(found.path, PERIOD_S)[0].startswith("the torque changes between the samples")
     assert 0.95 < found.misfit < 1.1
@@ -110,8 +110,8 @@ def test_readings_say_nothing_of_a_path_that_takes_them_as_they_are() -> None:
     held = [TorquePath(DriveLaw(delay)) for delay in (0.0, 1.0)]
     records = [traced(1, "trace")]
     both = unlikely_readings(held, records)
-    assert unlikely_readings([held[0], TorquePath(continuous=True), held[1]], records) == [both[0], 0.0, both[1]]
-    assert unlikely_readings([TorquePath(continuous=True)], records) == [0.0]
+    assert unlikely_readings([held[0], TorquePath(instantaneous=True), held[1]], records) == [both[0], 0.0, both[1]]
+    assert unlikely_readings([TorquePath(instantaneous=True)], records) == [0.0]
 
 
 def test_the_delay_to_the_torque_is_that_between_instants() -> None:
@@ -131,14 +131,14 @@ def test_the_delay_to_the_torque_is_that_between_instants() -> None:
         sidecar=Sidecar("frf", excitation=note),
     )
     model = true_model(draw("g_b", np.random.default_rng(3)))
-    findings = Findings(kept_path=TorquePath(continuous=True))
+    findings = Findings(kept_path=TorquePath(instantaneous=True))
     measure_delay_and_damping(findings, [record], model)
     assert findings.dead_time is not None
     assert findings.dead_time.value_s == pytest.approx(CURRENT_S, abs=1e-4)
 
 
 def test_the_path_is_kept_with_the_model() -> None:
-    path = TorquePath(None, ReadingLaw(-0.04), continuous=True)
+    path = TorquePath(None, ReadingLaw(-0.04), instantaneous=True)
     assert path_from_dict(path_to_dict(path)) == path
     assert not path.read_as_acts
     assert path_lines(path, PERIOD_S) == [
