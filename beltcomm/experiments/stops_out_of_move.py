@@ -15,7 +15,8 @@ from beltcomm.axis import Axis
 from beltcomm.control import Cascade, Feedforward, feedforward_torque
 from beltcomm.drive import FOLLOWING_ERROR_S, GUARD_S, LoopKind
 from beltcomm.errors import Refused
-from beltcomm.machine.closed_loop_watch import Envelope, lent_torque_nm
+from beltcomm.machine.closed_loop_watch import lent_torque_nm
+from beltcomm.machine.envelope import Envelope
 from beltcomm.machine.machine import Machine
 from beltcomm.machine.prediction_watch import BELT_BEYOND, SURPRISE
 from beltcomm.model import Model

@@ -174,7 +174,7 @@ class _Conversation:
             self._take(meant, frame, data)
 
     def end(self) -> list[Seen]:
-        """What was confirmed, once no frame comes any more; without values asked for before another was written, which are gone."""
+        """Values that were confirmed, once no frame comes any more; those asked for before another was written are gone."""
         self._settle()
         self.unanswered += self._open
         written: dict[Place, Seen] = {}

@@ -1,4 +1,4 @@
-"""What setpoints in a log show was done: an excitation by its period, where it begins and how large it is, or a friction sweep."""
+"""The experiment that setpoints in a log show: an excitation by its period, where it begins and how large it is, or a friction sweep."""
 
 from __future__ import annotations
 

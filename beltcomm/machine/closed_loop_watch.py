@@ -1,6 +1,4 @@
-"""Watch of every row of a closed loop, whatever it is for: the force in the belt, and swings around the resonance;
-and the envelope in which a phase may use the axis.
-"""
+"""Watch of every row of a closed loop, whatever it is for: the force in the belt, and swings around the resonance."""
 
 from __future__ import annotations
 
@@ -15,49 +13,16 @@ import numpy as np
 from beltcomm.arrays import Array
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade
-from beltcomm.drive import GUARD_S, Capabilities, Drive, LoopKind, Motion, Row
+from beltcomm.drive import Drive, Motion, Row
 from beltcomm.drive.parameters import LIMIT_NAMES
 from beltcomm.errors import SafetyStop
 from beltcomm.identify.landmarks import shape_of
+from beltcomm.machine.envelope import Envelope
 from beltcomm.machine.prediction_watch import BeltWatch
 from beltcomm.model import Model
 from beltcomm.simulate.stopping import total_friction, total_inertia, total_viscous
 from beltcomm.trajectory import Trajectory
 from beltcomm.verify import Loop, predict_move
-
-
-@dataclass(frozen=True)
-class Envelope:
-    """Envelope of the present phase.
-
-    Attributes
-    ----------
-    window_m : tuple[float, float]
-        (min, max) of the carriage. speed_m_s, torque_nm (motor shaft).
-    lag_m : float or None
-        How far a position loop may be off its reference; None leaves it to the drive's own setting.
-    guard_s : float
-        Within which the drive is to notice that its host is gone.
-    """
-
-    window_m: tuple[float, float]
-    speed_m_s: float
-    torque_nm: float
-    lag_m: float | None = None
-    guard_s: float = GUARD_S
-
-
-def stroking(capabilities: Capabilities) -> LoopKind:
-    """The loop that follows strokes with the least lag, or the drive's own strokes where it offers nothing else.
-
-    Parameters
-    ----------
-    capabilities : Capabilities
-    """
-    if capabilities.kinds == {"profile"}:
-        return "profile"
-    return "position" if capabilities.structure.velocity_feedforward and "position" in capabilities.kinds else "velocity"
-
 
 #: The band: from this share of the lowest first resonance along the travel, but at most from that share of the sampling rate, up to what
 #: rows can show: a loop that is too stiff or too late swings above the resonance as well, where no motion has a part.

@@ -22,10 +22,10 @@ from beltcomm.drive.parameters import GAIN_NAMES, cascade_to_parameters, paramet
 from beltcomm.errors import BeltcommError, DamagedRecord, DataError, Refused, SafetyStop, UsageError
 from beltcomm.excitation import AS_CHOSEN
 from beltcomm.given import ExcitationKind
-from beltcomm.machine.closed_loop_watch import Envelope as Envelope
 from beltcomm.machine.closed_loop_watch import foreseen as foreseen_of
-from beltcomm.machine.closed_loop_watch import stroking as stroking
 from beltcomm.machine.closed_loop_watch import unwatched, within
+from beltcomm.machine.envelope import Envelope as Envelope
+from beltcomm.machine.envelope import stroking as stroking
 from beltcomm.machine.load import Load
 from beltcomm.machine.ratings import check_ratings
 from beltcomm.machine.restore_drive import leave
