@@ -123,9 +123,11 @@ def _compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
         "data_sheet": [plain(doubt) for doubt in here.sheets],
         "second_sensor": sensor_data(sensor),
     }
+    explained = not (doubt or comparison.missing)
     notes = [
         *here.records.remarks,
-        *(f"responses differ by {d.cause}: {d.first}, {d.second} (--details)" for d in table.differences),
+        # a model that explains these records has what differs between them: its friction does it
+        *(f"responses differ by {d.cause}: {d.first}, {d.second} (--details)" for d in table.differences if not explained),
         *sheet_words(data["data_sheet"]),
         *sensor_lines(sensor),
     ]
@@ -137,6 +139,7 @@ def _compared(run: Path, pictures: bool, command: str, talk: Talk) -> Result:
         *path_sentences(here.data.path, here.data.recordings),
         *whole_sentences(stated),
         *table_lines(table),
+        *(["  The model explains these records: what differs between them is in it."] if explained and table.differences else []),
         *sheet_lines(here.sheets),
         *drawn.lines(here.folder, made, remarks),
     ]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -13,13 +15,14 @@ from beltcomm.effects.belt_spans import stiffness as stiffness_at
 from beltcomm.errors import DataError
 from beltcomm.excitation import prbs
 from beltcomm.identify.landmarks import Pair, find_landmarks, shape_of
+from beltcomm.jobs import laboratory
 from beltcomm.model import Model, load_plant
 from beltcomm.model.linear import modes, operating_point, sampled_response, state_space
 from beltcomm.recording import ExcitationNote, Recording, Sidecar
 from beltcomm.report.responses import responses_figure
 from beltcomm.report.style import Caption, save
 from beltcomm.response import FrequencyResponse
-from beltcomm.sentences.response_table import ResponseTable, table_lines, table_of
+from beltcomm.sentences.response_table import Difference, ResponseTable, table_lines, table_of
 from beltcomm.simulate.forward import simulate_torque
 
 SPANS = {"specific_stiffness": 60e3, "pulley_distance": 0.79, "offset": 0.05}
@@ -218,3 +221,19 @@ def test_words_numbers_and_picture(table: ResponseTable, tmp_path: Path) -> None
     picture = responses_figure(shown, [d.text for d in table.differences], Caption("test", "none"))
     assert save(picture, tmp_path / "responses.png").stat().st_size > 50_000
     assert table_lines(table_of([], by_place())) == []
+
+
+@pytest.mark.examination
+def test_what_the_model_explains_is_no_warning(copy_of_complete: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Friction makes responses of a sound axis differ; the screen tells it only beside a model that lacks something, the details always."""
+
+    def told(missing: str | None) -> list[bool]:
+        monkeypatch.setattr(laboratory, "compare", lambda *given: replace(compared(*given), missing=missing))
+        done = laboratory.compare_run(copy_of_complete(name=str(missing)), pictures=False)
+        return ["responses differ by place: a, b" in "\n".join(done.text), "a differs from b" in "\n".join(done.details)]
+
+    made, compared = laboratory.table_of, laboratory.compare
+    difference = Difference("place", "a", "b", "a differs from b")
+    monkeypatch.setattr(laboratory, "table_of", lambda *given: replace(made(*given), differences=(difference,)))
+    assert told(None) == [False, True]
+    assert told("structure") == [True, True]
