@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,8 +23,9 @@ from beltcomm.simulate.plant import SimulatedPlant
 from beltcomm.simulate.stopping import total_friction, total_inertia, total_viscous
 from beltcomm.trajectory import Trajectory
 
-#: Machines in the range of a prediction, and share of them that must be machines.
-RANGE_DRAWS, LEAST_DRAWN = 16, 0.5
+#: Machines in the range of a prediction: among 40 alike one more lies between the least and the largest 39 in 41 times (95 %); share of
+#: them that must be machines.
+RANGE_DRAWS, LEAST_DRAWN = 39, 0.5
 #: A drive does as predicted when its error is within this factor of the predicted one, and this many m.
 AS_PREDICTED, SLACK_M = 1.5, 2e-4
 #: s after the end of the reference motion until which the settled error is read.
@@ -133,6 +134,16 @@ class Loop:
     delay_s: float
     torque_limit_nm: float
     counts_per_rev: int
+
+    def count_m(self, ratio: float) -> float:
+        """Count of the encoder at the carriage, m.
+
+        Parameters
+        ----------
+        ratio : float, m/rad
+            i_t.
+        """
+        return 2.0 * math.pi / self.counts_per_rev * ratio
 
     @property
     def simulated(self) -> LoopDrive:
@@ -264,26 +275,33 @@ def predict_move(
     return PredictedMove(t_s, known, motor, cart, sent.latest(run.asked_nm), float(run.belt_force_n.max()), tuple(saturated))
 
 
-def predict_range(model: Model, predict: Callable[[Model, float], TrackingError]) -> tuple[TrackingError, TrackingError] | None:
+def predict_range(
+    model: Model, predict: Callable[[Model, float], TrackingError], count_m: float = 0.0
+) -> tuple[TrackingError, TrackingError] | None:
     """Smallest and largest error over the model and ``RANGE_DRAWS`` machines it may stand for; None where it stands for hardly any.
 
     Machines are drawn by :func:`beltcomm.fit.uncertainty.draws.machines_like`, and the belt's stretch at the start from what friction can
-    hold, min(F_c, τ_c/i_t)/c either way: the move before leaves it so, and no motor encoder sees it.
+    hold, min(F_c, τ_c/i_t)/c either way: the move before leaves it so, and no motor encoder sees it.  What is read of each begins and ends
+    somewhere within a count.
 
     Parameters
     ----------
     model : Model
     predict : callable
         Of a model and a stretch.
+    count_m : float, m
+        Count of the encoder at the carriage; 0 for the motion itself.
     """
     random = np.random.default_rng(0)
     held = _held_stretch_m(model)
     errors = []
     for drawn in machines_like(model, RANGE_DRAWS, seed=0):
         stretch = float(random.uniform(-held, held))
+        read = count_m * float(np.sum(random.uniform(-0.5, 0.5, 2)))
         # A law that hardly anything is known of may hold nothing at some place, or let the carriage fly off.
         with suppress(ZeroDivisionError, UsageError, Refused):
-            errors.append(predict(drawn, stretch))
+            error = predict(drawn, stretch)
+            errors.append(replace(error, dynamic_m=max(error.dynamic_m + read, 0.0), static_m=max(error.static_m + read, 0.0)))
     if len(errors) < LEAST_DRAWN * RANGE_DRAWS:
         return None
     with suppress(ZeroDivisionError, UsageError, Refused):  # what is predicted lies within its own range: draws may all miss it

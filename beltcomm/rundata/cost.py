@@ -223,7 +223,8 @@ def _errors(
         return motor, cart
 
     told = any(value.interval is not None for value in machine.parameters.values())
-    spread = predict_range(machine, lambda on, stretch_m: errors(on, stretch_m)[0]) if told else None
+    count_m = drive.count_m(machine["transmission.ratio"])
+    spread = predict_range(machine, lambda on, stretch_m: errors(on, stretch_m)[0], count_m) if told else None
     return *errors(machine, 0.0), spread, designed
 
 
