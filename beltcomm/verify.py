@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -135,16 +135,6 @@ class Loop:
     torque_limit_nm: float
     counts_per_rev: int
 
-    def count_m(self, ratio: float) -> float:
-        """Count of the encoder at the carriage, m.
-
-        Parameters
-        ----------
-        ratio : float, m/rad
-            i_t.
-        """
-        return 2.0 * math.pi / self.counts_per_rev * ratio
-
     @property
     def simulated(self) -> LoopDrive:
         """The drive as a simulation has it."""
@@ -160,6 +150,8 @@ class PredictedMove:
     ----------
     reference_m : ndarray
         That the loop had at these samples.
+    read_m : ndarray
+        Motor position as the drive reads it, in counts.
     saturated : tuple of str
         In words, which bounds of the drive were reached.
     """
@@ -167,6 +159,7 @@ class PredictedMove:
     t_s: Array
     reference_m: Array
     motor_m: Array
+    read_m: Array
     cart_m: Array
     torque_nm: Array
     belt_force_n: float
@@ -178,7 +171,7 @@ class PredictedMove:
         return self.error_for(NO_TARGETS)
 
     def error_for(self, targets: AxisTargets) -> TrackingError:
-        """Tracking error at the motor.
+        """Tracking error at the motor, as it is read.
 
         Parameters
         ----------
@@ -190,7 +183,7 @@ class PredictedMove:
         TrackingError
             In m at the carriage.
         """
-        return tracking_error(self.t_s, self.reference_m, self.motor_m, targets)
+        return tracking_error(self.t_s, self.reference_m, self.read_m, targets)
 
 
 def demand(trajectory: Trajectory, model: Model) -> Demand:
@@ -234,7 +227,8 @@ def predict_move(
 ) -> PredictedMove:
     """Simulate the drive's own cascade on the model along a reference motion, which the drive interpolates for its loop.
 
-    The encoder counts as the drive sees them; the measurement noise of the torque signal does not enter the loop.
+    The encoder counts as the drive sees them, and setpoints are whole counts; the measurement noise of the torque signal does not enter
+    the loop.
 
     Parameters
     ----------
@@ -258,11 +252,13 @@ def predict_move(
     plant = plant or SimulatedPlant(model, start_m, belt_stretch_m=belt_stretch_m)
     plant.time_s = time_s
     sent = SetpointGrid(trajectory.sample_period_s, structure.period_s, len(trajectory.t_s))
-    reference, speed = sent.on_loop(trajectory.position_m / ratio), sent.on_loop(trajectory.velocity_m_s / ratio)
+    step = 2.0 * math.pi / drive.counts_per_rev
+    asked = (start_m / ratio) + np.round((trajectory.position_m - start_m) / (ratio * step)) * step  # a setpoint is a count as well
+    reference, speed = sent.on_loop(asked), sent.on_loop(trajectory.velocity_m_s / ratio)
     added = np.zeros(len(reference)) if extra_torque_nm is None else sent.zero_order_hold(extra_torque_nm)
     run = close_loop(plant, cascade, drive.simulated, "position", reference, speed, added)
-    step = 2.0 * math.pi / drive.counts_per_rev
-    error = reference - (reference[0] + np.floor(run.position_rad / step + 0.5) * step)
+    read = np.floor(run.position_rad / step + 0.5) * step
+    error = reference - (reference[0] + read)
     fastest = cascade.kpp_1_s * max(float(np.abs(error).max()) - structure.dead_zone_rad, 0.0)
     saturated = []
     if float(np.max(np.abs(run.asked_nm))) >= drive.torque_limit_nm:
@@ -270,38 +266,31 @@ def predict_move(
     if fastest >= structure.output_limit_rad_s * (1.0 - 1e-9):
         saturated.append(f"the bound of the position controller's output, {ratio * structure.output_limit_rad_s:.3g} m/s")
     t_s = trajectory.sample_period_s * np.arange(len(trajectory.t_s), dtype=np.float64)
-    motor, cart = start_m + ratio * sent.at_samples(run.position_rad), start_m + sent.at_samples(run.cart_m)
-    known = sent.in_loop(trajectory.position_m)
-    return PredictedMove(t_s, known, motor, cart, sent.latest(run.asked_nm), float(run.belt_force_n.max()), tuple(saturated))
+    motor, seen = (start_m + ratio * sent.at_samples(angle) for angle in (run.position_rad, read))
+    cart, known = start_m + sent.at_samples(run.cart_m), sent.in_loop(ratio * asked)
+    return PredictedMove(t_s, known, motor, seen, cart, sent.latest(run.asked_nm), float(run.belt_force_n.max()), tuple(saturated))
 
 
-def predict_range(
-    model: Model, predict: Callable[[Model, float], TrackingError], count_m: float = 0.0
-) -> tuple[TrackingError, TrackingError] | None:
+def predict_range(model: Model, predict: Callable[[Model, float], TrackingError]) -> tuple[TrackingError, TrackingError] | None:
     """Smallest and largest error over the model and ``RANGE_DRAWS`` machines it may stand for; None where it stands for hardly any.
 
     Machines are drawn by :func:`beltcomm.fit.uncertainty.draws.machines_like`, and the belt's stretch at the start from what friction can
-    hold, min(F_c, τ_c/i_t)/c either way: the move before leaves it so, and no motor encoder sees it.  What is read of each begins and ends
-    somewhere within a count.
+    hold, min(F_c, τ_c/i_t)/c either way: the move before leaves it so, and no motor encoder sees it.
 
     Parameters
     ----------
     model : Model
     predict : callable
         Of a model and a stretch.
-    count_m : float, m
-        Count of the encoder at the carriage; 0 for the motion itself.
     """
     random = np.random.default_rng(0)
     held = _held_stretch_m(model)
     errors = []
     for drawn in machines_like(model, RANGE_DRAWS, seed=0):
         stretch = float(random.uniform(-held, held))
-        read = count_m * float(np.sum(random.uniform(-0.5, 0.5, 2)))
         # A law that hardly anything is known of may hold nothing at some place, or let the carriage fly off.
         with suppress(ZeroDivisionError, UsageError, Refused):
-            error = predict(drawn, stretch)
-            errors.append(replace(error, dynamic_m=max(error.dynamic_m + read, 0.0), static_m=max(error.static_m + read, 0.0)))
+            errors.append(predict(drawn, stretch))
     if len(errors) < LEAST_DRAWN * RANGE_DRAWS:
         return None
     with suppress(ZeroDivisionError, UsageError, Refused):  # what is predicted lies within its own range: draws may all miss it

@@ -325,21 +325,16 @@ def test_what_is_predicted_lies_within_its_own_range() -> None:
     assert (spread[0].dynamic_m, spread[1].dynamic_m) == (1e-4, 2e-4)
 
 
-@pytest.mark.parametrize(("error_m", "least_m"), [(5e-6, 3e-6), (0.5e-6, 0.0)])
-def test_a_count_at_each_end_is_in_the_range_of_what_is_read(error_m: float, least_m: float) -> None:
-    """Readings that round start and end of a known motion, their zero anywhere within a count, lie in the range, 19 of 20 at least."""
-    rigid = build_model("rigid", ("viscous",), {"motor.inertia": 1e-3, "viscous.damping": 2e-3}, base_bodies=("motor",))
-    count_m = 2e-6
-    spread = predict_range(rigid, lambda _model, _stretch_m: TrackingError(error_m, error_m), count_m)
-    assert spread is not None
-    low, high = spread
-    assert least_m <= low.static_m < error_m < high.static_m <= error_m + count_m
-    assert (low.dynamic_m, high.dynamic_m) == (low.static_m, high.static_m)
-    random = np.random.default_rng(5)
-    zero, way = random.uniform(0.0, count_m, 1000), random.uniform(0.1, 0.2, 1000)
-    start, end = (np.floor((zero + at) / count_m) * count_m for at in (0.0, way - error_m))
-    read = np.abs(start + way - end)
-    assert np.mean((read > low.static_m - 1e-12) & (read < high.static_m + 1e-12)) >= 0.95
+def test_setpoints_and_what_is_read_are_whole_counts() -> None:
+    """A coarse encoder: the drive is sent counts and tells counts, so that an error of a move is a whole number of them."""
+    model, trajectory, count_m = true_model(nominal("g_a")), move(), 2.0 * np.pi / 4096 * RATIO
+    path = predict_move(model, cascade_for("g_a", model), trajectory, Loop(STRUCTURE, 1e-3, 3.1, 4096))
+    for row in (path.reference_m, path.read_m):
+        counts = (row - row[0]) / count_m
+        np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
+    assert np.max(np.abs(path.reference_m - trajectory.position_m)) == pytest.approx(0.5 * count_m, rel=0.02)
+    assert np.max(np.abs(path.read_m - path.motor_m)) == pytest.approx(0.5 * count_m, rel=0.02)
+    assert path.error == tracking_error(path.t_s, path.reference_m, path.read_m)
 
 
 def recorded(reference_m: Array, motor_m: Array, cart_m: Array | None = None) -> Recording:
@@ -357,7 +352,7 @@ def recorded(reference_m: Array, motor_m: Array, cart_m: Array | None = None) ->
 
 def predicted(reference_m: Array, motor_m: Array, cart_m: Array) -> PredictedMove:
     n = len(motor_m)
-    return PredictedMove(PERIOD_S * np.arange(n, dtype=np.float64), reference_m, motor_m, cart_m, np.zeros(n), 0.0)
+    return PredictedMove(PERIOD_S * np.arange(n, dtype=np.float64), reference_m, motor_m, motor_m, cart_m, np.zeros(n), 0.0)
 
 
 def behind(reference: Array, dynamic_m: float, static_m: float) -> Array:

@@ -142,7 +142,7 @@ def verify_move(
     def error(other: Model, stretch_m: float) -> TrackingError:
         return predict(other, stretch_m).error_for(machine.axis.targets)
 
-    spread = predict_range(model, error, drive.count_m(machine.ratio)) if sent.motor.duration_s <= LONGEST_RANGED_S else None
+    spread = predict_range(model, error) if sent.motor.duration_s <= LONGEST_RANGED_S else None
     verdict = judge(
         recording,
         machine.ratio,

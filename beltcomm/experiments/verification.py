@@ -305,7 +305,7 @@ def _error_m(machine: Machine, model: Model, cascade: Cascade, delay_s: float, t
 
 def _largest(machine: Machine, path: PredictedMove) -> TrackingError:
     """The largest errors of the places where the targets count."""
-    targets, at = machine.axis.targets, {"motor": path.motor_m, "carriage": path.cart_m}
+    targets, at = machine.axis.targets, {"motor": path.read_m, "carriage": path.cart_m}
     errors = [tracking_error(path.t_s, path.reference_m, at[place], targets) for place in targets.places]
     return TrackingError(max(error.dynamic_m for error in errors), max(error.static_m for error in errors))
 

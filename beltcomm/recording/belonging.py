@@ -188,13 +188,16 @@ def _laws(position: Array) -> list[_Law]:
         bins = np.floor((middle[::every] - position.min()) / max(float(np.ptp(position)), 1e-300) * (_BINS - 1e-9)).astype(np.intp)
         columns /= scale
         half = (np.arange(len(columns)) * _PARTS // len(columns)) % 2
-        parts = tuple(
-            (made, tuple(np.linalg.pinv(columns[made][:, :few], rcond=1e-8) for few in (_PLAIN, columns.shape[1])))
-            for made in (half == 0, half == 1)
-        )
+        parts = tuple((made, _inverses(columns[made])) for made in (half == 0, half == 1))
         found.append(_Law(width, columns, 2 * bins + (direction > 0.0), parts))
         width *= 2
     return found
+
+
+def _inverses(columns: Array) -> tuple[Array, ...]:
+    """Pseudo-inverses of the first columns, and of all; by one QR, whose triangle is small."""
+    q, r = np.linalg.qr(columns)
+    return tuple(np.linalg.pinv(r[:few, :few], rcond=1e-8) @ q[:, :few].T for few in (_PLAIN, columns.shape[1]))
 
 
 def _best(laws: list[_Law], torque: Array) -> float:

@@ -219,12 +219,11 @@ def _errors(
 
     def errors(on: Model, stretch_m: float) -> tuple[TrackingError, TrackingError]:
         path = predict_move(on, cascade, rested, drive, belt_stretch_m=stretch_m, extra_torque_nm=extra)
-        motor, cart = (tracking_error(path.t_s, rested.position_m, at, axis.targets) for at in (path.motor_m, path.cart_m))
+        motor, cart = path.error_for(axis.targets), tracking_error(path.t_s, rested.position_m, path.cart_m, axis.targets)
         return motor, cart
 
     told = any(value.interval is not None for value in machine.parameters.values())
-    count_m = drive.count_m(machine["transmission.ratio"])
-    spread = predict_range(machine, lambda on, stretch_m: errors(on, stretch_m)[0], count_m) if told else None
+    spread = predict_range(machine, lambda on, stretch_m: errors(on, stretch_m)[0]) if told else None
     return *errors(machine, 0.0), spread, designed
 
 

@@ -159,7 +159,7 @@ _CHECKS = {
         "Check in axis.yaml: motor.encoder_counts_per_rev (lines times four; behind a gearbox more), and the unit of the angle.",
     ),
     "belt.specific_stiffness_n": (
-        "A sheet states the strands alone: teeth in mesh, clamps and bearings make a sound belt softer (by 25 to 35 % on the thesis's rigs).",
+        "A sheet states the strands alone: teeth in mesh, clamps and bearings make a sound belt softer (25 to 35 % on the thesis's rigs).",
         "Check on the machine: the belt's tension and its clamps.",
         "Check in axis.yaml: belt.specific_stiffness_n, belt.pulley_distance_m, gearbox.ratio, pulley.effective_radius_m.",
         "The radius by hand: turn the motor ten times and measure how far the carriage goes; the stiffness goes with 1/radius².",

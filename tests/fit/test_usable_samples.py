@@ -63,8 +63,8 @@ def test_a_setpoint_that_jumps_at_every_count_shakes_a_creeping_motor() -> None:
 def test_of_an_even_creep_that_counts_in_part_nothing_counts() -> None:
     """Which samples count the steps of the encoder say then; a motor that vibrates on its way, as under an excitation, is another case."""
     counts_in_part, all_count = np.arange(len(TIME_S)) % 3 == 0, np.ones(len(TIME_S), dtype=bool)
-    creeping = counted(0.2 * TIME_S)
-    assert sparse_creep(creeping, counts_in_part, PERIOD_S, STEP_RAD)[INSIDE].all()
-    assert not sparse_creep(creeping, all_count, PERIOD_S, STEP_RAD)[INSIDE].any()
-    vibrating = counted(0.2 * TIME_S + 3.0 * STEP_RAD * np.sin(2.0 * np.pi * 15.0 * TIME_S))
-    assert not sparse_creep(vibrating, counts_in_part, PERIOD_S, STEP_RAD).any()
+    _, creeping = creeping_samples(counted(0.2 * TIME_S), PERIOD_S, STEP_RAD)
+    assert sparse_creep(creeping, counts_in_part, PERIOD_S)[INSIDE].all()
+    assert not sparse_creep(creeping, all_count, PERIOD_S)[INSIDE].any()
+    _, vibrating = creeping_samples(counted(0.2 * TIME_S + 3.0 * STEP_RAD * np.sin(2.0 * np.pi * 15.0 * TIME_S)), PERIOD_S, STEP_RAD)
+    assert not sparse_creep(vibrating, counts_in_part, PERIOD_S).any()

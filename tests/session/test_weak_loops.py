@@ -103,7 +103,7 @@ def test_an_axis_may_be_off_by_what_is_not_known_of_it_but_for_half_of_the_room(
 
     def predict(on: Model, _stretch_m: float) -> PredictedMove:
         error = 1e-4 if on is model else off_m
-        return PredictedMove(t, t, t - error, t, 0.0 * t, 0.0, ())
+        return PredictedMove(t, t, t - error, t - error, t, 0.0 * t, 0.0, ())
 
     assert allowed_lag_m(model, predict, 0.07) == pytest.approx(allowed_m)
 

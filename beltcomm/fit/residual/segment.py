@@ -307,14 +307,16 @@ def segments(
         else:
             sure = 0.0 if "cart" in model.base_bodies else SURE_STEPS * step_rad / sample
             keep = ~resting_samples(motion, max(stick_speed, sure))
-        if fitted and smooth is None and step_rad / sample > stick_speed:
-            keep &= ~sparse_creep(position, keep, sample, step_rad)
+        rigid, coarse = "cart" not in model.base_bodies, fitted and step_rad / sample > stick_speed
+        if smooth is None and (rigid or coarse):
+            creeps, even = creeping_samples(position, sample, step_rad)
+        if smooth is None and coarse:
+            keep &= ~sparse_creep(even, keep, sample)
         if "cart" in model.base_bodies:
             keep &= run_in_samples(motion, ratio)
         else:
             # Nothing rings behind the motor: what creeps on counts as well, and friction that turns within a step of the encoder is noise.
             if smooth is None:
-                creeps, even = creeping_samples(position, sample, step_rad)
                 if setpoint is not None:
                     known = ~shaken_samples(position, setpoint[::every][: len(position)], inertia, sample)
                     creeps, even = creeps & known, even & known

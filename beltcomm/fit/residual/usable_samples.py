@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from beltcomm.arrays import Array, BoolArray
+from beltcomm.compiled import compiled
 from beltcomm.simulate.inverse import FineMotion
 
 #: s, and steps of the encoder: a motor that gets on by so many steps in so long, before and after, is not at rest.
@@ -76,17 +79,15 @@ def creeping_samples(position: Array, sample_s: float, step_rad: float) -> tuple
     found, even = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
     if n <= 2 * w + 2:
         return found, even
-    edges = np.linspace(0, 2 * w, PARTS + 1).round().astype(np.intp)
-    first = np.arange(n - 2 * w)
+    edges, starts = np.linspace(0, 2 * w, PARTS + 1).round().astype(np.intp), n - 2 * w
     for side in (1.0, -1.0):
         path = side * position
-        gets_on = np.minimum(path[w : n - w] - path[: n - 2 * w], path[2 * w :] - path[w : n - w]) > CREEP_STEPS * step_rad
-        parts = np.diff(path[first[:, None] + edges], axis=1)
-        least = np.maximum(LEAST_STEPS * step_rad, LEAST_SHARE * parts.mean(axis=1))
-        goes_on = gets_on & (parts.min(axis=1) > least) & ~_goes_back(path, 2 * w, step_rad)
-        begins = first[goes_on]
+        gets_on = np.minimum(path[w : n - w] - path[:starts], path[2 * w :] - path[w : n - w]) > CREEP_STEPS * step_rad
+        parts = np.stack([path[b : b + starts] - path[a : a + starts] for a, b in itertools.pairwise(edges)])
+        least = np.maximum(LEAST_STEPS * step_rad, LEAST_SHARE * parts.mean(axis=0))
+        begins = np.flatnonzero(gets_on & (parts.min(axis=0) > least) & ~_goes_back(path, 2 * w, step_rad))
         found[begins + w] = True
-        even[begins[_deviation(path, begins, 2 * w) <= EVEN_STEPS * step_rad] + w] = True
+        even[begins[_goes_evenly(path, begins, 2 * w, EVEN_STEPS * step_rad)] + w] = True
     found[[0, -1]] = even[[0, -1]] = False
     return found, even
 
@@ -113,7 +114,7 @@ def shaken_samples(position: Array, setpoint: Array, inertia: float, sample_s: f
     return np.asarray(jump > SHAKEN * speed)
 
 
-def sparse_creep(position: Array, keep: BoolArray, sample_s: float, step_rad: float) -> BoolArray:
+def sparse_creep(even: BoolArray, keep: BoolArray, sample_s: float) -> BoolArray:
     """Samples of a motor that creeps evenly in one direction, of which but a part counts, (n,).
 
     Which of them count there the steps of the encoder say, and a controller that answers to each of these makes their torque another one
@@ -121,40 +122,55 @@ def sparse_creep(position: Array, keep: BoolArray, sample_s: float, step_rad: fl
 
     Parameters
     ----------
-    position : ndarray (n,)
-        rad at the motor.
+    even : ndarray (n,) of bool
+        Samples around which it creeps evenly.
     keep : ndarray (n,) of bool
         Those that count.
     sample_s : float
         s.
-    step_rad : float
-        Of the encoder, rad.
     """
-    _, even = creeping_samples(position, sample_s, step_rad)
     width = 2 * max(2, round(CREEP_S / sample_s)) + 1
     return np.asarray(even & (uniform_filter1d(keep.astype(np.float64), width, mode="nearest") < DENSE))
 
 
+@compiled
 def _goes_back(path: Array, span: int, step: float) -> BoolArray:
     """Beginnings of a span of samples in which a path falls from some sample to a later one by more than a step, (n - span,)."""
-    last = np.full(len(path), -1)  # before each sample, the last one that stands so much higher
-    for lag in range(1, span + 1):
-        at = np.flatnonzero((path[:-lag] - path[lag:] > step) & (last[lag:] < 0))
-        last[at + lag] = at
-    falls = np.flatnonzero(last >= 0)
-    open_spans = np.zeros(len(path) + 1, dtype=np.intp)
-    np.add.at(open_spans, np.maximum(falls - span, 0), 1)
-    np.add.at(open_spans, last[falls] + 1, -1)
-    return np.cumsum(open_spans)[: len(path) - span] > 0
+    n = len(path)
+    found = np.zeros(max(n - span, 0), dtype=np.bool_)
+    done = 0  # beginnings before it are known
+    ahead = np.empty(n, dtype=np.int64)  # samples of the span before each, highest first, each later than those above it
+    first, end = 0, 0
+    for k in range(n):
+        while first < end and ahead[first] < k - span:
+            first += 1
+        last = -1  # the last one that stands so much higher: the highest do as long as they do
+        for i in range(first, end):
+            if path[ahead[i]] - path[k] <= step:
+                break
+            last = ahead[i]
+        for begin in range(max(done, k - span), min(last + 1, len(found))):
+            found[begin] = True
+        done = max(done, min(last + 1, len(found)))
+        while end > first and path[ahead[end - 1]] <= path[k]:
+            end -= 1
+        ahead[end] = k
+        end += 1
+    return found
 
 
-def _deviation(path: Array, begins: NDArray[np.intp], span: int) -> Array:
-    """Largest distance of a path from the straight line through both ends of the spans that begin there, (len(begins),)."""
-    start, off = path[begins], np.zeros(len(begins))
-    rise = path[begins + span] - start
-    for number, along in enumerate(np.linspace(0.0, 1.0, span + 1)):
-        np.maximum(off, np.abs(path[begins + number] - start - rise * along), out=off)
-    return off
+@compiled
+def _goes_evenly(path: Array, begins: NDArray[np.intp], span: int, limit: float) -> BoolArray:
+    """Which of the spans that begin there are nowhere further than a limit from the straight line through their ends, (len(begins),)."""
+    found, part = np.ones(len(begins), dtype=np.bool_), 1.0 / span
+    for i in range(len(begins)):
+        start = path[begins[i]]
+        rise = path[begins[i] + span] - start
+        for number in range(1, span):
+            if abs(path[begins[i] + number] - start - rise * (number * part)) > limit:
+                found[i] = False
+                break
+    return found
 
 
 def creep_motion(motion: FineMotion, position: Array, creeps: BoolArray) -> tuple[Array, Array] | None:

@@ -79,24 +79,17 @@ class Lag:
         ndarray
             Shape of ``cells``, N m.
         """
-        from scipy.signal import lfilter  # takes a second to import, and most drives have no filter
-
         if self.kind == "sampled":
-            share = self.values[0]
-            before = (1.0 - share) * cells[:1]
-            return np.asarray(lfilter([share], [1.0, share - 1.0], cells, axis=0, zi=before)[0])
-        u, h = cells.reshape(-1), sample_s / cells.shape[1]
+            return _follow_samples(cells, self.values[0])
+        u, h = np.ascontiguousarray(cells).reshape(-1), sample_s / cells.shape[1]
         if self.kind == "slew rate":
-            return np.asarray(_limit_slew(np.ascontiguousarray(u), self.values[0] * h).reshape(cells.shape))
-        if self.kind == "first order":
+            means = _limit_slew(u, self.values[0] * h)
+        elif self.kind == "first order":
             keeps = math.exp(-h / self.values[0])
-            ends = lfilter([1.0 - keeps], [1.0, -keeps], u, zi=[keeps * u[0]])[0]
-            means = u + (np.append(u[0], ends[:-1]) - u) * (self.values[0] / h * (1.0 - keeps))
-            return np.asarray(means.reshape(cells.shape))
-        slow, fast = self._roots()
-        b, a = _held_second_order((slow, fast), h)
-        ends = lfilter(b, a, u - u[0]) + u[0]
-        return np.asarray(0.5 * (np.append(u[0], ends[:-1]) + ends).reshape(cells.shape))
+            means = _follow_first_order(u, keeps, self.values[0] / h * (1.0 - keeps))
+        else:
+            means = _follow_second_order(u, *_held_second_order(self._roots(), h))
+        return means.reshape(cells.shape)
 
     def poles(self, sample_s: float) -> tuple[complex, ...]:
         """Poles in the clock of the samples.
@@ -181,11 +174,10 @@ class DriveLaw:
             Mean over each cell, (n, number), N m.
         """
         whole = math.floor(self.delay)
-        now, before = later(setpoint, whole), later(setpoint, whole + 1)
         # A limited slew rate does not see where within a cell its command changes; it may as well act ahead of the delay.
         ahead = any(lag.kind == "slew rate" for lag in self.lags)
         old = np.clip((0.0 if ahead else self.delay - whole) * number - np.arange(number), 0.0, 1.0)
-        cells = self.gain * (now[:, None] + (before - now)[:, None] * old)
+        cells = _held(setpoint, whole, old, self.gain)
         for lag in self.lags:
             cells = lag.answer(cells, sample_s)
         if ahead:
@@ -352,7 +344,7 @@ class TorquePath:
         if self.instantaneous:
             cells = spline_cells(torque, self.reading.late, CELLS)
             means = row_means(cells)
-            return means, Intersample(cells - means[:, None])
+            return means, Intersample.of(cells - means[:, None])
         if self.drive is None or setpoint is None:
             if self.drive is None and self.reading.faithful:
                 return torque, None
@@ -367,7 +359,7 @@ class TorquePath:
             torque = torque + means - self.reading.read(cells, sample_s)
         above = cells - means[:, None]
         held = float(np.abs(above).max()) <= HELD * max(float(np.abs(means).max()), 1e-300)
-        return torque, None if held else Intersample(above)
+        return torque, None if held else Intersample.of(above)
 
     def acting_noise(self, pole: float, sample_s: float) -> NoiseColour:
         """Colour of the noise of the torque that acts, as the reading tells it.
@@ -629,9 +621,53 @@ def _limit_slew(u: Array, most: float) -> Array:
     return out
 
 
-def _held_second_order(poles: tuple[complex, complex], h: float) -> tuple[Array, Array]:
+@compiled
+def _held(setpoint: Array, late: int, old: Array, gain: float) -> Array:
+    """Cells of a setpoint that is held for a period, so many later; old : share of each cell in which the one before acts."""
+    out = np.empty((len(setpoint), len(old)))
+    for i in range(len(setpoint)):
+        now, before = setpoint[max(i - late, 0)], setpoint[max(i - late - 1, 0)]
+        for j in range(len(old)):
+            out[i, j] = gain * (now + (before - now) * old[j])
+    return out
+
+
+@compiled
+def _follow_samples(cells: Array, share: float) -> Array:
+    """Cells of a torque that takes a share of the way to its command in every period."""
+    out = cells.copy()
+    for i in range(1, cells.shape[0]):
+        for j in range(cells.shape[1]):
+            out[i, j] = share * cells[i, j] + (1.0 - share) * out[i - 1, j]
+    return out
+
+
+@compiled
+def _follow_first_order(u: Array, keeps: float, lags: float) -> Array:
+    """Mean over each cell behind a first-order lag that keeps so much of a difference over one, and lags by so much of it in the mean."""
+    out, y = np.empty_like(u), u[0]
+    for i in range(len(u)):
+        out[i] = u[i] + (y - u[i]) * lags
+        y = keeps * y + (1.0 - keeps) * u[i]
+    return out
+
+
+@compiled
+def _follow_second_order(u: Array, b: Array, a: Array) -> Array:
+    """Mean over each cell behind a second-order lag, of :func:`_held_second_order`, taken as linear in it."""
+    out, first = np.empty_like(u), u[0]
+    x1, y1, y2 = 0.0, 0.0, 0.0
+    for i in range(len(u)):
+        x = u[i] - first
+        y = b[0] * x + b[1] * x1 - a[1] * y1 - a[2] * y2
+        out[i] = first + 0.5 * (y1 + y)
+        x1, y1, y2 = x, y, y1
+    return out
+
+
+def _held_second_order(poles: tuple[complex, ...], h: float) -> tuple[Array, Array]:
     """Numerator and denominator in z⁻¹ of p1 p2/((s - p1)(s - p2)) behind a hold over h seconds, at the ends of the holds."""
-    p1, p2 = poles
+    p1, p2 = poles  # slow and fast
     if abs(p1 - p2) < 1e-6 * abs(p1):
         p2 = p1 * (1.0 + 1e-6)
     e1, e2 = np.exp(p1 * h), np.exp(p2 * h)
