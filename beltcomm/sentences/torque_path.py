@@ -9,7 +9,9 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from beltcomm.fit.torque.path import DriveLaw, Lag, ReadingLaw, TorquePath, path_to_dict
+from beltcomm.fit.torque.lag import Lag
+from beltcomm.fit.torque.laws import DriveLaw, ReadingLaw
+from beltcomm.fit.torque.path import TorquePath, path_to_dict
 from beltcomm.fit.torque.reading_fit import WHOLE
 from beltcomm.recording import Recording
 

@@ -17,7 +17,9 @@ from beltcomm.drive import StatedReading
 from beltcomm.drive.access import able
 from beltcomm.errors import Refused, UsageError
 from beltcomm.fit.torque.acting_torque import stated_remarks
-from beltcomm.fit.torque.path import DriveLaw, Lag, ReadingLaw, TorquePath
+from beltcomm.fit.torque.lag import Lag
+from beltcomm.fit.torque.laws import DriveLaw, ReadingLaw
+from beltcomm.fit.torque.path import TorquePath
 from beltcomm_adapters.locks import ALWAYS
 from beltcomm_adapters.profiles import load_profile
 

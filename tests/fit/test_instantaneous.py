@@ -16,7 +16,8 @@ from scipy.signal import lfilter
 
 from beltcomm.fit.model_fit import fit_model
 from beltcomm.fit.torque.instantaneous import spline_cells, spline_noise
-from beltcomm.fit.torque.path import DriveLaw, ReadingLaw, TorquePath, path_from_dict, path_to_dict
+from beltcomm.fit.torque.laws import DriveLaw, ReadingLaw
+from beltcomm.fit.torque.path import TorquePath, path_from_dict, path_to_dict
 from beltcomm.fit.torque.reading_fit import unlikely_readings
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import ExcitationNote, Sidecar

@@ -10,7 +10,8 @@ import pytest
 
 from beltcomm.fit.model_fit import ModelFit, fit_model
 from beltcomm.fit.path_fit.trial_paths import splits, ways_of
-from beltcomm.fit.torque.path import DriveLaw, Lag
+from beltcomm.fit.torque.lag import Lag
+from beltcomm.fit.torque.laws import DriveLaw
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from fit.drives import Array, behind, first_order, held, smoothed

@@ -13,7 +13,9 @@ from beltcomm.fit.base import fit_base
 from beltcomm.fit.estimate import fit
 from beltcomm.fit.path_fit.values import path_nuisance, refine_path
 from beltcomm.fit.records import prepare_records
-from beltcomm.fit.torque.path import DriveLaw, Lag, ReadingLaw, TorquePath
+from beltcomm.fit.torque.lag import Lag
+from beltcomm.fit.torque.laws import DriveLaw, ReadingLaw
+from beltcomm.fit.torque.path import TorquePath
 from beltcomm.fit.uncertainty.intervals import parameter_spread
 from beltcomm.fit.uncertainty.nuisance import with_nuisance
 from beltcomm.recording import Recording

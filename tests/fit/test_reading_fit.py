@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from beltcomm.fit.torque import reading_fit
-from beltcomm.fit.torque.path import ReadingLaw
+from beltcomm.fit.torque.laws import ReadingLaw
 from beltcomm.fit.torque.reading_fit import ReadingFit, fit_reading
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar

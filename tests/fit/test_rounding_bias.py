@@ -15,7 +15,8 @@ from beltcomm.fit.model_fit import ModelFit, fit_model
 from beltcomm.fit.records import prepare_records
 from beltcomm.fit.residual.rounding_bias import RoundingBias
 from beltcomm.fit.residual.whitened import evaluate
-from beltcomm.fit.torque.path import FAITHFUL, DriveLaw, TorquePath
+from beltcomm.fit.torque.laws import DriveLaw
+from beltcomm.fit.torque.path import FAITHFUL, TorquePath
 from beltcomm.model import Model, build_model
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar

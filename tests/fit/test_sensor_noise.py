@@ -11,7 +11,8 @@ from beltcomm.fit.estimate import fit
 from beltcomm.fit.model_fit import fit_model
 from beltcomm.fit.path_fit.sensor_noise import NoiseSplit, split_noise
 from beltcomm.fit.records import prepare_records
-from beltcomm.fit.torque.path import FAITHFUL, DriveLaw, TorquePath
+from beltcomm.fit.torque.laws import DriveLaw
+from beltcomm.fit.torque.path import FAITHFUL, TorquePath
 from identify.records import COUNTS, NOISE_NM, STEP_RAD, Recorder, true_model
 from truth.rigs import draw
 

@@ -17,7 +17,9 @@ from beltcomm.fit.noise.colour import NoiseColour
 from beltcomm.fit.noise.process_torque import ProcessTorque, _spectral_factor, with_unread
 from beltcomm.fit.path_fit.sensor_noise import NoiseSplit, split_noise
 from beltcomm.fit.records import prepare_records
-from beltcomm.fit.torque.path import DriveLaw, Lag, ReadingLaw, TorquePath, path_from_dict, path_to_dict
+from beltcomm.fit.torque.lag import Lag
+from beltcomm.fit.torque.laws import DriveLaw, ReadingLaw
+from beltcomm.fit.torque.path import TorquePath, path_from_dict, path_to_dict
 from beltcomm.recording import Recording
 from beltcomm.rundata.kept import _restore_fit, _store_fit
 from beltcomm.sentences.torque_path import process_lines

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from beltcomm.fit.torque.path import FAITHFUL, DriveLaw, Lag, ReadingLaw, TorquePath, path_from_dict, path_to_dict, torque_at
+from beltcomm.fit.torque.lag import Lag
+from beltcomm.fit.torque.laws import DriveLaw, ReadingLaw, torque_at
+from beltcomm.fit.torque.path import FAITHFUL, TorquePath, path_from_dict, path_to_dict
 from beltcomm.simulate.imperfect import CELLS
 from fit.drives import FINE, behind, first_order, held, second_order, smoothed
 

@@ -22,7 +22,9 @@ from beltcomm.drive.objects import COMMANDS, TYPES, ObjectValue, bounds_of, obje
 from beltcomm.drive.parameters import PREFILTER_KINDS, cascade_to_parameters
 from beltcomm.experiments.first_motion import ConfirmedBounds
 from beltcomm.export.dcf import dcf_text
-from beltcomm.fit.torque.path import VALUES, DriveLaw, Lag, ReadingLaw, TorquePath, path_from_dict, path_to_dict
+from beltcomm.fit.torque.lag import VALUES, Lag
+from beltcomm.fit.torque.laws import DriveLaw, ReadingLaw
+from beltcomm.fit.torque.path import TorquePath, path_from_dict, path_to_dict
 from beltcomm.foreign.apart_reader import _table_in
 from beltcomm.foreign.eds import load_object_file
 from beltcomm.foreign.guess import _guesses_for, _template, completed, mappings_in

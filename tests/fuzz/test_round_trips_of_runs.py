@@ -18,7 +18,8 @@ from beltcomm.axis import load_axis
 from beltcomm.configfiles import read_yaml, to_yaml, write_text
 from beltcomm.fit.estimate import evaluate_at, problem_of
 from beltcomm.fit.records import Data, prepare_records
-from beltcomm.fit.torque.path import ReadingLaw, TorquePath
+from beltcomm.fit.torque.laws import ReadingLaw
+from beltcomm.fit.torque.path import TorquePath
 from beltcomm.fit.uncertainty.nuisance import with_nuisance
 from beltcomm.jobs.bundle import VERSIONS, bundle
 from beltcomm.model import load_plant

@@ -11,7 +11,9 @@ import pytest
 
 from beltcomm.fit.estimate import Fitted
 from beltcomm.fit.records import Data
-from beltcomm.fit.torque.path import DriveLaw, Lag, TorquePath
+from beltcomm.fit.torque.lag import Lag
+from beltcomm.fit.torque.laws import DriveLaw
+from beltcomm.fit.torque.path import TorquePath
 from beltcomm.laboratory.diagnosis import NONE_EXPLAINS, Diagnosis, Stage, Verdict
 from beltcomm.laboratory.scope import (
     OF_DRIVE,

@@ -16,7 +16,9 @@ from beltcomm.errors import DataError
 from beltcomm.fit.start.first_estimate import data_sheet_model, first_path
 from beltcomm.fit.torque import reading_fit
 from beltcomm.fit.torque.acting_torque import acting_recording
-from beltcomm.fit.torque.path import FAITHFUL, DriveLaw, Lag, ReadingLaw, TorquePath, path_from_dict, path_to_dict
+from beltcomm.fit.torque.lag import Lag
+from beltcomm.fit.torque.laws import DriveLaw, ReadingLaw
+from beltcomm.fit.torque.path import FAITHFUL, TorquePath, path_from_dict, path_to_dict
 from beltcomm.fit.torque.reading_fit import fit_reading
 from beltcomm.machine.delivered import _delivered
 from beltcomm.machine.scale import _jumping_inertia

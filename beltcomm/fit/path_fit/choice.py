@@ -33,7 +33,9 @@ from beltcomm.fit.path_fit.trial_paths import (
 )
 from beltcomm.fit.path_fit.values import columns_of, refine_path
 from beltcomm.fit.records import Data, grouped_like, prepare_records, rounding_torque
-from beltcomm.fit.torque.path import DriveLaw, Lag, ReadingLaw, TorquePath
+from beltcomm.fit.torque.lag import Lag
+from beltcomm.fit.torque.laws import DriveLaw, ReadingLaw
+from beltcomm.fit.torque.path import TorquePath
 from beltcomm.fit.torque.reading_fit import COMMAND, WHOLE, ReadingFit, clear_gain, hidden_chains, unlikely_readings
 from beltcomm.model import Model
 from beltcomm.model.value import NORMAL_95

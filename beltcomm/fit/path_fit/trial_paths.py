@@ -7,7 +7,9 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
-from beltcomm.fit.torque.path import DriveLaw, Lag, ReadingLaw, TorquePath
+from beltcomm.fit.torque.lag import Lag
+from beltcomm.fit.torque.laws import DriveLaw, ReadingLaw
+from beltcomm.fit.torque.path import TorquePath
 from beltcomm.fit.torque.reading_fit import WHOLE
 
 #: Time constants of a reading without setpoint, s, that are tried.

@@ -20,7 +20,8 @@ from beltcomm.fit.likelihood.problem import Nuisance
 from beltcomm.fit.noise.decimation import decimate_torque
 from beltcomm.fit.noise.level import robust_rms, torque_step
 from beltcomm.fit.records import Data, grouped_like, prepare_records
-from beltcomm.fit.torque.path import Lag, TorquePath
+from beltcomm.fit.torque.lag import Lag
+from beltcomm.fit.torque.path import TorquePath
 from beltcomm.fit.torque.reading_fit import TAPS, WHOLE, colour_of, lively_pairs, whitened_row
 from beltcomm.model import Model
 from beltcomm.model.value import NORMAL_95

@@ -23,7 +23,9 @@ from beltcomm.fit.residual.whitened import evaluate_each
 from beltcomm.fit.start.low_pass import fine, legible, smooth
 from beltcomm.fit.start.rigid import rigid_estimate
 from beltcomm.fit.start.undersampled import clearly_moves, comes_seldom, first_of_seldom
-from beltcomm.fit.torque.path import FAITHFUL, DriveLaw, Lag, TorquePath
+from beltcomm.fit.torque.lag import Lag
+from beltcomm.fit.torque.laws import DriveLaw
+from beltcomm.fit.torque.path import FAITHFUL, TorquePath
 from beltcomm.fit.torque.reading_fit import clear_gain, fit_reading
 from beltcomm.model import BASE_BODIES, Model, build_model, expected_parameters
 from beltcomm.model.value import Value

@@ -9,7 +9,8 @@ from copy import copy
 import numpy as np
 
 from beltcomm.drive import StatedReading
-from beltcomm.fit.torque.path import Lag, TorquePath
+from beltcomm.fit.torque.lag import Lag
+from beltcomm.fit.torque.path import TorquePath
 from beltcomm.recording import Recording
 
 

@@ -14,7 +14,9 @@ from scipy.optimize import OptimizeResult, least_squares
 
 from beltcomm.arrays import Array, row_means
 from beltcomm.fit.noise.level import COLOURED, LEAST_COLOUR, MOST_COLOUR, correlation, robust_rms
-from beltcomm.fit.torque.path import DriveLaw, Kind, Lag, TorquePath, torque_at
+from beltcomm.fit.torque.lag import Kind, Lag
+from beltcomm.fit.torque.laws import DriveLaw, torque_at
+from beltcomm.fit.torque.path import TorquePath
 from beltcomm.model.value import NORMAL_95
 from beltcomm.recording import Recording
 
