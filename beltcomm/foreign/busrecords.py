@@ -269,6 +269,7 @@ def _rows(log: FrameLog, found: Mapping[tuple[str, Place], ObjectSamples]) -> _R
     syncs = np.flatnonzero((log.identifier == 0x80) & ~log.remote)
     synchronous = bool(position.synchronous.mean() > 0.5) and len(syncs) >= _FEWEST_SYNCS
     if synchronous:
+        syncs = _answered(syncs, position.frames)
         sent = [values.frames[values.synchronous] for (direction, _), values in found.items() if direction == "sent"]
         rows = _Rows(*with_lost_syncs(log, syncs, sent), synchronous=True)
     else:
@@ -289,6 +290,14 @@ def _rows(log: FrameLog, found: Mapping[tuple[str, Place], ObjectSamples]) -> _R
         if ("sent", place) in rows.columns:
             rows.columns[("sent", place)] = _held(rows.columns[("sent", place)])
     return rows
+
+
+def _answered(syncs: Rows, frames: Rows) -> Rows:
+    """The SYNCs behind which the position comes: all but for lost ones, or every n-th (transmission type n, CiA 301, 7.5.2.37)."""
+    count = np.bincount(np.searchsorted(syncs, frames, side="right"), minlength=len(syncs) + 1)[1:]
+    known = np.flatnonzero(count)
+    every = int(np.median(np.diff(known))) if len(known) > 1 else 1
+    return syncs[known] if every > 1 and float(np.mean(np.diff(known) == every)) > 1.0 - _SELDOM else syncs
 
 
 def _held(column: Array) -> Array:

@@ -129,6 +129,23 @@ def test_frames_that_changed_places(coarse: float, tmp_path: Path) -> None:
     check(records[0], 0.97, 0.6)
 
 
+def test_a_drive_that_answers_every_second_sync(tmp_path: Path) -> None:
+    """Rows are the SYNCs that it answers; the torque that it reports had no row, and the record none."""
+    log = frames()
+    begin = next(k for k, f in enumerate(log) if is_sync(f))
+    kept = [f for k, f in enumerate(log) if k < begin or is_sync(f) or (k - begin) // 3 % 2 == 0]
+    _, records = imported(tmp_path, kept)
+    assert len(records) == 1
+    record, (position, torque) = records[0], truth()
+    np.testing.assert_allclose(np.diff(record.t_s), 2.0 * PERIOD, atol=1e-6)
+    found = np.round(record.position * COUNTS / (2 * np.pi)).astype(int)
+    first = int(np.flatnonzero(position == found[0])[0])
+    np.testing.assert_array_equal(found, position[first::2][: len(found)])
+    reported = np.round(record.torque * 1000 / RATED_NM).astype(int)
+    np.testing.assert_array_equal(reported[:-2], torque[first + 1 :: 2][: len(reported) - 2])
+    assert len(found) > 0.49 * ROWS
+
+
 def elsewhere_at_zero(t: np.ndarray) -> np.ndarray:
     return np.where((t > 0.8) & (t < 1.6), 0.0, t)
 
