@@ -23,7 +23,7 @@ from beltcomm.recording.sampling import finest
 SURE, NOTHING = 0.3, 0.15
 #: Share of the shifted torques of which a true one is explained better.
 BEYOND = 0.95
-#: Share that all rows of a record explain together, where its parts do not tell; of what chance leaves unexplained, the most that it may leave.
+#: Share that all rows of a record explain together where its parts do not tell, and what it leaves over what chance leaves, at most.
 _WHOLE, _FAR_BETTER = 0.9, 0.2
 #: Shifts of the torque, as shares of the record: none is a fraction of small numbers, for excitations repeat.
 _SHIFTS = tuple(((0.618033988749895 * k) % 0.8) + 0.1 for k in range(1, 30))
