@@ -12,6 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from beltcomm.cli.main import cli
+from beltcomm.foreign.timestamps import joined_counter
 from beltcomm.runfolder import RunFolder
 from marks import quick
 
@@ -192,3 +193,20 @@ def test_single_rows_of_a_motion_are_not_told_as_rest(tmp_path: Path) -> None:
     assert balance is not None
     assert int(balance[2]) == pytest.approx(ROWS - taken, abs=5)
     assert int(balance[1]) == pytest.approx(2 * REST, abs=5)
+
+
+@pytest.mark.parametrize(("unit", "ticks"), [(1e-6, 1.0), (1e-3, 1e-3), (1.0, 1e-6)])
+def test_a_counter_of_microseconds_in_any_unit_is_joined(unit: float, ticks: float) -> None:
+    """A table's time in s or ms that a 32-bit counter of microseconds made went back by 4294.97 s, "another record begins there"."""
+    span = 2.0**32 * ticks
+    true = np.arange(3000) * 1e-3 / unit
+    joined, words = joined_counter((true + span - true[2000]) % span)
+    np.testing.assert_allclose(np.diff(joined), 1e-3 / unit, rtol=1e-4)
+    assert "32 bits" in words
+
+
+@pytest.mark.parametrize("back_s", [0.4, 3600.0, 4294.0])
+def test_a_clock_that_was_set_is_no_counter(back_s: float) -> None:
+    stamps = np.arange(3000) * 1e-3 + 5000.0
+    stamps[1500:] -= back_s
+    assert joined_counter(stamps)[1] == ""
