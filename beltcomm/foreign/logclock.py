@@ -199,12 +199,13 @@ def _returns(mended: Array, t_s: Array, period: float, notes: list[str]) -> Bool
     away = np.zeros(len(steps), dtype=bool)
     astray = (steps < 0.0) | (steps > max(PAUSE_PERIODS * period, PAUSE_S))
     late = t_s - period * np.arange(size)  # constant while the clock is right
-    found, k = [], 0
-    for k in np.flatnonzero(astray).tolist():
+    found = []
+    begins = np.flatnonzero(astray & ~np.append(False, astray[:-1]))
+    behind = np.flatnonzero(np.abs(steps / period - 1.0) > _HALF) + 1  # first rows behind a step that is none
+    for k in begins[:_MOST_PARTS].tolist():
         if away[k]:
             continue
-        ends = np.flatnonzero(np.abs(steps[k + 1 :] / period - 1.0) > _HALF) + k + 2  # first rows behind a step that is none
-        ends = ends[ends < size]
+        ends = behind[np.searchsorted(behind, k + 2) :]
         room = period * (_HALF + _DRIFT * (ends - k))
         back = ends[(np.abs(late[ends] - late[k]) < room) & (t_s[ends] > t_s[k])]
         if len(back) and (steps[k : back[0]] < 0.0).any():
