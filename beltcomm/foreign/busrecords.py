@@ -22,6 +22,7 @@ from beltcomm.foreign.canunits import LogUnits, Overheard, profile_of, units_of
 from beltcomm.foreign.excited import excitation_of, is_sweep
 from beltcomm.foreign.framelog import FrameLog
 from beltcomm.foreign.logclock import PAUSE_PERIODS, PAUSE_S, RowTimes, begins_in_motion, holes, row_times
+from beltcomm.foreign.lostsyncs import with_lost_syncs
 from beltcomm.foreign.table import Table
 from beltcomm.recording.sidecar import ExcitationNote
 
@@ -76,7 +77,9 @@ class _Rows:
     """All rows of a log: places of the SYNCs (or of the frames with the position), and columns on them, NaN where nothing came."""
 
     frames: Rows
-    synchronous: bool
+    stamps: Array
+    lost_syncs: int = 0
+    synchronous: bool = False
     clock: RowTimes = field(init=False)
     columns: dict[tuple[str, Place], Array] = field(default_factory=dict)
 
@@ -112,7 +115,7 @@ def records_of(
     before = torque_acts == "before" or (torque_acts is None and profile.torque_sampling == "after")
     rows = _rows(log, found)
     place = rows.columns[("sent", (_POSITION, 0))]
-    rows.clock = row_times(log.t_s[rows.frames], place, rows.synchronous, _cycle_s(seen), period_s)
+    rows.clock = row_times(rows.stamps, place, rows.synchronous, _cycle_s(seen), period_s)
     others = [f"node {number} sends its position, too: its moves are read with --node {number}" for number in also]
     notes = [
         *log.notes,
@@ -129,8 +132,7 @@ def records_of(
         homing += len(stretch) * (mode == _HOMING)
         record = _record(log, rows, stretch, units, before, mode, [*notes, *units.notes])
         made += [record] if record is not None else []
-        moved = np.ptp(rows.columns[("sent", (_POSITION, 0))][stretch]) > 0.0
-        short += len(stretch) * bool(record is None and mode != _HOMING and moved)
+        short += len(stretch) * bool(record is None and mode != _HOMING and _moves(rows, stretch))
     early = _before_the_setup(log, seen, node)
     taken = sum(len(record.table.columns["t_s"]) for record in made)
     balance = _balance(log, node, rows, early, taken, len(made), homing, short)
@@ -145,6 +147,12 @@ def records_of(
     lost += [f"{int(rows.clock.standing.sum())} rows with standing stamps"] * bool(rows.clock.standing.any())
     made[0] = _with_note(made[0], balance, " and ".join(lost))
     return made
+
+
+def _moves(rows: _Rows, stretch: Rows) -> bool:
+    """True if the position changes in a stretch, or against the rows beside it: also one row alone may be of a motion."""
+    beside = rows.columns[("sent", (_POSITION, 0))][max(stretch[0] - 1, 0) : stretch[-1] + 2]
+    return bool(np.ptp(beside[np.isfinite(beside)]) > 0.0)
 
 
 def _cycle_s(seen: list[Seen]) -> float | None:
@@ -189,6 +197,8 @@ def _balance(log: FrameLog, node: int, rows: _Rows, early: int, taken: int, move
     words += [f"{unexplained} (where a file before it does, join the two)"] * (early > 0)
     without = len(rows.frames) - there - early
     words += [f"{without} of {len(rows.frames)} SYNCs came without a position"] * (without > _FEWEST_SYNCS)
+    if rows.lost_syncs:
+        words.append(f"{rows.lost_syncs} SYNCs are not in the log, but PDOs that came behind them: each has a row at the time of these")
     words += [f"{standing} rows have standing stamps and no known period, and were left out"] * (standing > 0)
     if begins_in_motion(rows.columns[("sent", (_POSITION, 0))]):
         words.append("the first rows are in motion already, so the beginning of that move is not in the log")
@@ -258,7 +268,13 @@ def _rows(log: FrameLog, found: Mapping[tuple[str, Place], ObjectSamples]) -> _R
     position = found[("sent", (_POSITION, 0))]
     syncs = np.flatnonzero((log.identifier == 0x80) & ~log.remote)
     synchronous = bool(position.synchronous.mean() > 0.5) and len(syncs) >= _FEWEST_SYNCS
-    rows = _Rows(syncs if synchronous else np.unique(position.frames), synchronous)
+    if synchronous:
+        syncs = _answered(syncs, position.frames)
+        sent = [values.frames[values.synchronous] for (direction, _), values in found.items() if direction == "sent"]
+        rows = _Rows(*with_lost_syncs(log, syncs, sent), synchronous=True)
+    else:
+        alone = np.unique(position.frames)
+        rows = _Rows(alone, log.t_s[alone], synchronous=False)
     size = len(rows.frames)
     for (direction, place), values in found.items():
         column = np.full(size, np.nan)
@@ -274,6 +290,14 @@ def _rows(log: FrameLog, found: Mapping[tuple[str, Place], ObjectSamples]) -> _R
         if ("sent", place) in rows.columns:
             rows.columns[("sent", place)] = _held(rows.columns[("sent", place)])
     return rows
+
+
+def _answered(syncs: Rows, frames: Rows) -> Rows:
+    """The SYNCs behind which the position comes: all but for lost ones, or every n-th (transmission type n, CiA 301, 7.5.2.37)."""
+    count = np.bincount(np.searchsorted(syncs, frames, side="right"), minlength=len(syncs) + 1)[1:]
+    known = np.flatnonzero(count)
+    every = int(np.median(np.diff(known))) if len(known) > 1 else 1
+    return syncs[known] if every > 1 and float(np.mean(np.diff(known) == every)) > 1.0 - _SELDOM else syncs
 
 
 def _held(column: Array) -> Array:
@@ -308,7 +332,7 @@ def _stretches(rows: _Rows, seen: list[Seen], node: int, period_s: float | None)
     # rows between that were left out because the stage was off part two records as well
     between = np.add.reduceat(~kept & np.isfinite(position), chosen)[:-1] if len(chosen) > 1 else np.zeros(0)
     breaks |= between > 0
-    return [part for part in np.split(chosen, np.flatnonzero(breaks) + 1) if len(part) > 2]
+    return [part for part in np.split(chosen, np.flatnonzero(breaks) + 1)]
 
 
 def _mode_at(seen: list[Seen], node: int, frame: int) -> int | None:
@@ -327,7 +351,7 @@ def _record(
 ) -> BusRecord | None:
     t_s = rows.clock.t_s[stretch]
     position = rows.columns[("sent", (_POSITION, 0))][stretch]
-    if mode == _HOMING or np.ptp(position) == 0.0 or t_s[-1] - t_s[0] < _SHORTEST_S:
+    if mode == _HOMING or len(stretch) < 3 or np.ptp(position) == 0.0 or t_s[-1] - t_s[0] < _SHORTEST_S:
         return None
     raw = {key: column[stretch] for key, column in rows.columns.items()}
     if before:  # the value of the next row of the bus, not of the next row that is left

@@ -100,8 +100,9 @@ def _parts_of(path: Path, reading: Reading, axis: Axis) -> list[Part]:
     from beltcomm.foreign.busrecords import readable, records_of
     from beltcomm.foreign.doubles import without_doubles
     from beltcomm.foreign.logclock import in_order
+    from beltcomm.foreign.lostsyncs import in_stamped_order
 
-    log = in_order(without_doubles(read_frames(path, reading.channel, readable)), readable)
+    log = in_stamped_order(in_order(without_doubles(read_frames(path, reading.channel, readable)), readable))
     if reading.signals or reading.dbc:
         from beltcomm.foreign.signals import by_hand, of_dbc, table_of_signals
 

@@ -23,6 +23,8 @@ _SEAM_S = 1.0
 _MOST_PARTS = 1000
 #: Rows on one stamp that are a clock that stands, not a coarse one.
 _STANDING = 20
+#: Share of a period, and of it for each row, by which a clock that came back may differ from what it would have shown.
+_HALF, _DRIFT = 0.5, 0.0005
 #: Clean steps from which a period is known.
 _FEWEST_STEPS = 50
 #: Rows on either side by which motion is seen to go on.
@@ -121,7 +123,9 @@ def row_times(t_s: Array, position: Array, synchronous: bool, cycle_s: float | N
     notes: list[str] = []
     mended = np.array(steps)
     if period is not None:
-        _stands_filled(mended, runs, period, notes)
+        away = _returns(mended, t_s, period, notes)
+        runs = [(a, b) for a, b in runs if not away[a:b].all()]
+        _stands_filled(mended, runs, position, period, notes)
         _jumps_bridged(mended, steps, position, period, broken, notes)
     else:
         for a, b in runs:
@@ -185,22 +189,64 @@ def _period(clean: Array, synchronous: bool, cycle_s: float | None) -> float | N
     return usual if even else None
 
 
-def _stands_filled(mended: Array, runs: list[tuple[int, int]], period: float, notes: list[str]) -> None:
-    rows, lost = 0, 0.0
+def _returns(mended: Array, t_s: Array, period: float, notes: list[str]) -> BoolArray:
+    """Even steps while the clock was elsewhere, where it came back to what it would have shown; which steps these are.
+
+    As many periods as rows lie between a stamp before the clock went back, or before it came back, and one behind: nothing is missing,
+    whatever stands between, a zero, stamps that fall, or another time of day.
+    """
+    steps, size = np.diff(t_s), len(t_s)
+    away = np.zeros(len(steps), dtype=bool)
+    astray = (steps < 0.0) | (steps > max(PAUSE_PERIODS * period, PAUSE_S))
+    late = t_s - period * np.arange(size)  # constant while the clock is right
+    found = []
+    begins = np.flatnonzero(astray & ~np.append(False, astray[:-1]))
+    behind = np.flatnonzero(np.abs(steps / period - 1.0) > _HALF) + 1  # first rows behind a step that is none
+    for k in begins[:_MOST_PARTS].tolist():
+        if away[k]:
+            continue
+        ends = behind[np.searchsorted(behind, k + 2) :]
+        room = period * (_HALF + _DRIFT * (ends - k))
+        back = ends[(np.abs(late[ends] - late[k]) < room) & (t_s[ends] > t_s[k])]
+        if len(back) and (steps[k : back[0]] < 0.0).any():
+            b = int(back[0])
+            away[k:b] = True
+            shown = np.abs(steps[k:b])  # a clock that runs backwards shows the time between rows, too
+            shown = np.where((shown > _HALF * period) & (shown < PAUSE_PERIODS * period), shown, period)
+            mended[k:b] = shown + (t_s[b] - t_s[k] - shown.sum()) / (b - k)
+            found.append(b - k)
+    if found:
+        notes.append(
+            f"the clock was elsewhere {len(found)} times, for {sum(found)} rows in all, and came back to what it would have shown: "
+            "these rows lie evenly between those beside them"
+        )
+    return away
+
+
+def _stands_filled(mended: Array, runs: list[tuple[int, int]], position: Array, period: float, notes: list[str]) -> None:
+    """Even steps where the clock stood; a step behind it that is too long for them is a pause, but in even motion or at the beginning."""
+    rows, lost, taken = 0, 0.0, -1
     for a, b in runs:
-        missed = (b - a) * period
-        behind = float(mended[b]) if b < len(mended) else 0.0
-        if behind > 0.5 * missed:  # the clock caught up
-            even = behind / (b - a + 1)
-            if abs(even / period - 1.0) < 0.1:
-                mended[a : b + 1] = even
-            else:
-                mended[a:b] = period
-                mended[b] = max(behind - missed, period)
-        else:
-            mended[a:b] = period
-            lost += missed
         rows += b - a
+        # the clock may have stopped in the middle of the step before
+        first = a - 1 if a - 1 > taken and 0.0 < mended[a - 1] < (1.0 + _HALF) * period else a
+        taken = b
+        shown = float(mended[first : b + 1].sum())
+        missing = (b - first + 1) * period - shown
+        behind = float(mended[b]) if b < len(mended) else 0.0
+        if b < len(mended) and abs(missing) < period * (_HALF + _DRIFT * (b - a)):
+            mended[first : b + 1] = shown / (b - first + 1)
+            continue
+        mended[first:b] = period
+        if missing < 0.0 and b < len(
+            mended
+        ):  # the clock caught up, and more: a pause, but in motion or where it stood from the first row on
+            mended[b] = period if a == 0 or _goes_on(position, b) else period - missing
+        elif behind > PAUSE_PERIODS * period:  # the clock went on where it stood, behind a pause
+            lost += missing - period + behind
+        elif b < len(mended):
+            mended[b] = max(1.0, round(behind / period)) * period
+            lost += missing
     if rows:
         words = f"{rows} rows have standing stamps: they were set {period:.6g} s apart, as the others are; lost ones cannot be seen"
         notes.append(words + (f". The clock stood for {lost:.6g} s, by which all that follows is later than its stamps" if lost else ""))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from dataclasses import dataclass
 from typing import Literal
 
@@ -22,13 +23,13 @@ _WORDS: tuple[tuple[Quantity, str], ...] = (
     ("temperature", r"temp(erature?|eratur)?|celsius"),
     ("time", r"t|ts|tt|tout|time(stamps?)?|zeit(stempel)?|uhrzeit|elapsed|stamp|clock|seconds?|sekunden|millis|micros|temps|tempo|tiempo"),
     ("force", r"force|kraft|vorschubkraft|f|frc|forza|fuerza"),
-    ("torque", r"torque|trq|tq|tau|effort|(dreh)?moment|motormoment|mom|m|tor|couple|coppia"),
-    ("velocity", r"vel|velo|velocity|speed|spd|drehzahl|geschw(indigkeit)?|omega|rpm|v|n|dq|qd|qdot|vitesse|velocit[àa]|velocidad"),
+    ("torque", r"torque|trq|tq|tau|effort|(dreh)?moment|motormoment|mom|m|tor|couple|coppia|par"),
+    ("velocity", r"vel|velo|velocity|speed|spd|drehzahl|geschw(indigkeit)?|omega|rpm|v|n|dq|qd|qdot|vitesse|velocita|velocidad"),
     ("current", r"current|curr|cur|strom|motorstrom|i|iq|iqact|isq|ampere|amps?|courant|corrente|corriente"),
     (
         "position",
-        r"pos|posn|position|lage|angle|ang|winkel|theta|phi|enc|encoder|geber|counts?|weg|travel|displacement|x|q|rotor|posizione|posici[óo]n|"
-        r"angolo|[áa]ngulo|codeur",
+        r"pos|posn|position|lage|angle|ang|winkel|theta|phi|enc|encoder|geber|counts?|weg|travel|displacement|x|q|rotor|posizione|posicion|"
+        r"angolo|angulo|codeur",
     ),
 )
 _ROLES: tuple[tuple[Role, str], ...] = (
@@ -166,6 +167,10 @@ def _suffix(unit: str) -> tuple[str, Quantity | None]:
 def _words(name: str) -> tuple[list[str], str]:
     """The words of a name in small letters, and a unit that ends it ("time_ms"), which is no word then."""
     plain = name.replace("ä", "ae").replace("ö", "oe").replace("ü", "ue").replace("ß", "ss").replace("·", "")
+    plain = "".join(c for c in unicodedata.normalize("NFD", plain) if not unicodedata.combining(c))
+    behind_in = re.search(r"[_ ]in[_ ]+(\S.*)$", plain)
+    if behind_in and (_suffix(plain_unit(behind_in[1]))[0] or plain_unit(behind_in[1]) in COUNTS):
+        return _words(plain[: behind_in.start()])[0], plain_unit(behind_in[1])
     plain = re.sub(r"(?<![A-Za-z])([Ii])[_ ]([qQdD])(?![A-Za-z])", r"\1\2", plain)  # i_q is one word
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|[^A-Za-z°%‰/]+|(?<=[A-Za-z])(?=\d)", " ", plain)
     parts = [word.lower() for word in spaced.split() if word]

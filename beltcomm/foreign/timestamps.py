@@ -27,6 +27,8 @@ _ROUGH = 1e-3
 _EVEN, _NEAR = 1.5, 100.0
 #: Bits of counters of time.
 _BITS = (16, 24, 32)
+#: Ticks of a counter in the unit that a file writes: a counter of microseconds, written in ms or s.
+_TICKS = (1e-3, 1e-6, 1e-9)
 
 
 def seconds_of(file: str, name: str, stamps: Column) -> tuple[Column, tuple[str, ...]]:
@@ -132,22 +134,29 @@ def rough_stamps(t_s: Column) -> str:
 
 
 def joined_counter(values: Column) -> tuple[Column, str]:
-    """Whole stamps with a counter that began anew joined, and a sentence on it; as they are, and "", where there is none.
+    """Stamps with a counter that began anew joined, and a sentence on it; as they are, and "", where there is none.
 
     Parameters
     ----------
     values : Column (n,)
-        Stamps in ticks.
+        Stamps in ticks, or in units of which a tick is a thousandth, a millionth or a thousand-millionth.
     """
-    whole = len(values) > 2 and np.isfinite(values).all() and np.array_equal(values, np.round(values)) and values.min() >= 0.0
-    steps = np.diff(values.astype(np.float64)) if whole else np.zeros(0)
+    usable = len(values) > 2 and values.dtype.kind in "fiu" and np.isfinite(values).all() and values.min() >= 0.0
+    steps = np.diff(values.astype(np.float64)) if usable else np.zeros(0)
     back = np.flatnonzero(steps < 0.0)
     step = float(np.median(steps)) if len(steps) else 0.0
-    for bits in _BITS:
-        over = steps[back] + 2.0**bits
-        if len(back) and step > 0.0 and np.all((over > 0.0) & (over < _NEAR * step)) and values.max() < 2.0**bits:
-            joined = values + 2.0**bits * np.concatenate(([0.0], np.cumsum(steps < 0.0)))
-            return joined, f"its time is a counter of {bits} bits that began anew {len(back)} times: joined"
+    if not len(back) or not step > 0.0:
+        return values, ""
+    whole = np.array_equal(values, np.round(values))
+    for bits, tick in [(bits, 1.0) for bits in _BITS if whole] + [(32, tick) for tick in _TICKS]:
+        span = tick * 2.0**bits
+        over = steps[back] + span
+        # of ticks that are none of the file's the seam must be as even as the rest: a clock that was set goes back by any time
+        near = np.all((over > 0.0) & (over < _NEAR * step)) if tick == 1.0 else np.all(np.abs(over / step - 1.0) < 0.5)
+        if near and values.max() < span:
+            joined = values + span * np.concatenate(([0.0], np.cumsum(steps < 0.0)))
+            ticks = "" if tick == 1.0 else f" that count {tick:g} of the file's unit"
+            return joined, f"its time is a counter of {bits} bits{ticks} that began anew {len(back)} times: joined"
     return values, ""
 
 
@@ -197,7 +206,8 @@ def checked_time(file: str, t_s: Column, rows: NDArray[np.intp]) -> None:
             f"the stamps have a resolution of {resolution:.4g} s, coarser than the sampling: if it was even, give --rate {rate:.6g}Hz "
             "instead of the stamps"
             if len(still) > 0.05 * len(steps)
-            else "rows were written twice; leave one of each out"
+            else "other values go on there, so the clock stood: if the sampling was even, give "
+            f"--rate {1.0 / float(np.median(steps)):.6g}Hz instead of the stamps, else leave one of each out"
         )
         raise DataError(f"{file}: {len(still)} time stamps repeat, the first in row {rows[int(still[0]) + 1] + 1}; {why}")
     median = float(np.median(steps))

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from beltcomm.laboratory.places import ErrorRegion
 from beltcomm.laboratory.samples import Units
 
-#: Means that differ by less than this share count as equal; small units below which a mean is not worth a word.
-ALIKE, LEAST_SMALL = 0.5, 0.05
+#: Means that differ by less than this share count as equal.
+ALIKE = 0.5
 
 
 def in_words(place: ErrorRegion, landmarks: Mapping[str, float] | None = None) -> str:
@@ -79,11 +79,11 @@ def _torque_words(place: ErrorRegion) -> str:
     if forward is None or backward is None:
         value, where, sign = (forward, plus, 1.0) if forward is not None else (backward, minus, -1.0)
         assert value is not None
-        return f"{where}: {measured} {_amount(value, units)} {_more(sign * value)}" if units.factor * abs(value) > LEAST_SMALL else ""
+        return f"{where}: {measured} {_amount(value, units)} {_more(sign * value)}" if abs(value) > place.least else ""
     along, across = 0.5 * (forward - backward), 0.5 * (forward + backward)
     side = "positive" if across > 0.0 else "negative"
     friction, offset = f"{_amount(along, units)} {_more(along)}", f"{_amount(across, units)} to the {side} side"
-    if units.factor * max(abs(along), abs(across)) < LEAST_SMALL:
+    if max(abs(along), abs(across)) < place.least:
         return ""
     if abs(across) < ALIKE * abs(along):
         return f"{both}: {measured} {friction}"

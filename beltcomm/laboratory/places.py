@@ -38,6 +38,8 @@ ALSO = 2
 AS_BAD = 0.4
 #: A mean torque is told where it makes up this share of what the place has too much.
 MEAN_SHARE = 0.25
+#: A mean is worth a word from so many small units on, and from this share of the model's torque (rms): a small axis has a small torque.
+LEAST_SMALL, LEAST_SHARE = 0.05, 0.01
 #: A record is named where it holds this share of a place's excess.
 RECORD_SHARE = 0.6
 #: Bins and orders of a turn of the motor, turns and share of the bins that must be covered, and by how much a line
@@ -69,6 +71,8 @@ class ErrorRegion:
         Sum of its squares above the noise over all samples, what it adds to the square of the overall ratio.
     also : tuple of tuple of float
         Other ranges nearly as bad, not in the numbers.
+    least : float
+        A mean torque below it is not worth a word, in units of the axis.
     """
 
     dimension: str
@@ -86,6 +90,7 @@ class ErrorRegion:
     weight: float = 0.0
     units: Units = CARRIAGE_BY_MOTOR
     also: tuple[tuple[float, float], ...] = ()
+    least: float = 0.0
 
     @property
     def contrast(self) -> float:
@@ -199,6 +204,7 @@ def _place_of(dimension: str, low: float, high: float, unit: str, inside: BoolAr
         int(inside.sum()),
         weight=float(np.sum(squares[inside] - 1.0)) / len(squares),
         units=samples.units,
+        least=min(LEAST_SMALL / samples.units.factor, LEAST_SHARE * float(np.sqrt(np.mean(samples.load**2)))),
     )
 
 

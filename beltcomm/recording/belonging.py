@@ -23,6 +23,8 @@ from beltcomm.recording.sampling import finest
 SURE, NOTHING = 0.3, 0.15
 #: Share of the shifted torques of which a true one is explained better.
 BEYOND = 0.95
+#: Share that all rows of a record explain together where its parts do not tell, and what it leaves over what chance leaves, at most.
+_WHOLE, _FAR_BETTER = 0.9, 0.2
 #: Shifts of the torque, as shares of the record: none is a fraction of small numbers, for excitations repeat.
 _SHIFTS = tuple(((0.618033988749895 * k) % 0.8) + 0.1 for k in range(1, 30))
 #: Rows that are looked at, windows that a width needs, parts of the record that judge in turn, and bins of the place.
@@ -99,10 +101,25 @@ def belonging(t_s: Array, torque: Array, position: Array) -> Belonging | None:
         turned = _laws(torque)
         if turned and (other := _best(turned, position)) > max(SURE, explained):
             return Belonging(explained, other, swapped=True)
-    if not NOTHING <= explained < SURE:
+    if explained < NOTHING:
+        return _of_one_stroke(laws, torque) or Belonging(explained)
+    if explained >= SURE:
         return Belonging(explained)
     chances = sorted(_best(laws, np.roll(torque, round(shift * len(torque)))) for shift in _SHIFTS)
     return Belonging(explained, chances[min(round(BEYOND * len(chances)), len(chances) - 1)])
+
+
+def _of_one_stroke(laws: list[_Law], torque: Array) -> Belonging | None:
+    """Evidence of a record that moves too seldom to be judged by its own parts; None where there is none.
+
+    Of one stroke no part may hold an acceleration, and it foretells nothing of the others.  All rows together may be explained by
+    chance, too: by the same torque at other times, far worse.
+    """
+    whole = max(_fitted(law, torque) for law in laws)
+    if whole < _WHOLE:
+        return None
+    chance = max(max(_fitted(law, np.roll(torque, round(shift * len(torque)))) for law in laws) for shift in _SHIFTS)
+    return Belonging(whole, chance) if 1.0 - whole < _FAR_BETTER * (1.0 - chance) else None
 
 
 def _unexplained_by(t_s: Array, torque: Array, position: Array) -> tuple[float, float] | None:
@@ -198,6 +215,15 @@ def _inverses(columns: Array) -> tuple[Array, ...]:
     """Pseudo-inverses of the first columns, and of all; by one QR, whose triangle is small."""
     q, r = np.linalg.qr(columns)
     return tuple(np.linalg.pinv(r[:few, :few], rcond=1e-8) @ q[:, :few].T for few in (_PLAIN, columns.shape[1]))
+
+
+def _fitted(law: _Law, torque: Array) -> float:
+    """Share of the torque's means that a rigid body with friction explains, of the rows that made its numbers."""
+    force = triangle_mean(torque, law.width)[:: max(1, law.width // 2)][: len(law.columns)]
+    columns = law.columns[: len(force), :_PLAIN]
+    rest = force - columns @ np.linalg.lstsq(columns, force, rcond=1e-8)[0]
+    there = float(np.sum((force - force.mean()) ** 2))
+    return 1.0 - float(rest @ rest) / there if there > 0.0 else 0.0
 
 
 def _best(laws: list[_Law], torque: Array) -> float:

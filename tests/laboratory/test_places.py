@@ -73,6 +73,12 @@ def test_an_offset_is_to_one_side_and_not_friction() -> None:
     assert words[0].startswith("both directions: measured torque 20 mN m to the negative side; without that 1.0")
 
 
+def test_a_force_is_small_against_that_of_its_axis_alone() -> None:
+    """Of a light axis: a fifth of all force was told as "no force is missing on average"."""
+    words = told(lambda x, v, t, a: -0.02 + 0.0 * x, units=Units("N", "m"))
+    assert words[0].startswith("both directions: measured force 0.02 N to the negative side; without that 1.0")
+
+
 def test_one_direction_alone_is_named() -> None:
     words = told(lambda x, v, t, a: 0.03 * (v > 0.0))
     assert any("in positive direction measured torque 30 mN m higher" in text or "to the positive side, beside" in text for text in words)

@@ -48,3 +48,28 @@ def test_a_motion_within_the_noise_of_its_angle_is_not_judged_and_one_above_it_i
     found = belonging(T_S, other, np.round(angle * 400.0 / span + 2.0 * noise))
     assert found is not None
     assert not found.consistent
+
+
+def one_stroke(begin_s: float, seconds: float) -> tuple[Array, Array]:
+    """A single stroke with friction, its torque read in coarse steps: no eighth of the record holds more than one acceleration."""
+    acceleration = 30.0 * (np.abs(T_S - begin_s) < 0.2) - 30.0 * (np.abs(T_S - begin_s - seconds) < 0.2)
+    speed = 1e-3 * np.cumsum(acceleration)
+    torque = acceleration + 4.0 * (speed > 1e-6)
+    return 5.0 * np.round(torque / 5.0), 1e-3 * np.cumsum(speed)
+
+
+@pytest.mark.parametrize(("begin_s", "seconds"), [(1.0, 1.5), (1.1, 3.0), (2.6, 1.5), (0.4, 3.1)])
+def test_one_stroke_is_judged_by_all_of_it(begin_s: float, seconds: float) -> None:
+    """Healthy moves of a log were left out as of another time: of the accelerations that judged, none had made the numbers."""
+    torque, angle = one_stroke(begin_s, seconds)
+    found = belonging(T_S, torque, angle)
+    assert found is not None
+    assert found.consistent
+
+
+@pytest.mark.parametrize("late", [-700, 500, 1300])
+def test_a_stroke_and_the_torque_of_another_time_are_told(late: int) -> None:
+    torque, angle = one_stroke(2.0, 1.6)
+    found = belonging(T_S, np.roll(torque, late), angle)
+    assert found is not None
+    assert not found.consistent
