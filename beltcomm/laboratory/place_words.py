@@ -49,9 +49,16 @@ def _span_words(place: ErrorRegion) -> str:
     return {
         "position": f"{moving} between {low:.2f} and {high:.2f} {place.unit}",
         "time": f"{low:.0f} to {high:.0f} s on the session's clock",
-        "amplitude": f"{word} below {high:.2g} {place.unit}" if low <= 0.0 else f"{word} of {low:.2g} to {high:.2g} {place.unit}",
+        "amplitude": f"{word} below {_plain(high)} {place.unit}"
+        if low <= 0.0
+        else f"{word} of {_plain(low)} to {_plain(high)} {place.unit}",
         "frequency": f"{low:.0f} to {high:.0f} Hz",
     }[place.dimension]
+
+
+def _plain(value: float) -> str:
+    """Two digits, without powers of ten for a large machine."""
+    return f"{float(f'{value:.2g}'):.6g}"
 
 
 def _also_words(place: ErrorRegion) -> str:
@@ -102,4 +109,4 @@ def _more(value: float) -> str:
 def _amount(value: float, units: Units) -> str:
     """A torque, force or current without its sign."""
     small = units.factor * abs(value)
-    return f"{small:.2g} {units.small}" if small < 99.5 else f"{abs(value):.2g} {units.force}"
+    return f"{small:.2g} {units.small}" if small < 99.5 else f"{_plain(abs(value))} {units.force}"

@@ -21,6 +21,8 @@ from beltcomm.sentences.screens import WIDE, model_state, state_lines, warning_l
 
 #: Records, places, candidates and effects that fit on a screen.
 RECORDS, PLACES, CANDIDATES, EFFECTS = 4, 3, 3, 2
+#: Bound of a parameter over the error of a model: one from 1 N m on is told in N m, as a rating is.
+RATING_OVER_ERROR = 50.0
 #: Verdict of a diagnosis -> word of its state, and its style.
 STATES = {
     "nothing missing": ("NOTHING MISSING", "good"),
@@ -88,11 +90,10 @@ def comparison_details(comparison: Comparison, model: Model) -> list[str]:
     model : Model
     """
     first = comparison.plain or comparison.plain_held_out
-    apart = (
-        f"{read_in(first.unit)[1]} and % up to {first.band_hz:g} Hz; x noise at all frequencies, by its own noise: no quotient."
-        if first
-        else ""
-    )
+    apart = ""
+    if first:
+        unit = _error_unit(first.unit, _largest_error(comparison))[1]
+        apart = f"{unit} and % up to {first.band_hz:g} Hz; x noise at all frequencies, by its own noise: no quotient."
     return [f"Model: {', '.join(model.effects)}.", "", *table(*record_table(comparison)), apart, ""]
 
 
@@ -169,11 +170,20 @@ def error_words(ratios: tuple[float, float | None], plain: Plain) -> str:
     (ratio, held), (whole, whole_held) = ratios, plain
     own = ""
     if whole is not None:
-        factor, unit = read_in(whole.unit)
+        factor, unit = _error_unit(whole.unit, whole.error)
         size = with_unit(f"{factor * whole.error:.3g}", unit)
         own = tr(", {percent:.2g} % of torque ({size})", percent=whole.percent, size=size)
     theirs = "" if whole_held is None else f", {whole_held.percent:.2g} %"
     return tr("{ratio:.2f} x noise", ratio=ratio) + own + ("" if held is None else tr("; held out {held:.2f} x", held=held) + theirs)
+
+
+def _error_unit(unit: str, largest: float) -> tuple[float, str]:
+    """Factor and unit in which errors are told: mN m, of a large machine N m."""
+    return read_in(unit, RATING_OVER_ERROR * largest)
+
+
+def _largest_error(comparison: Comparison) -> float:
+    return max((r.plain.error for r in comparison.records if r.plain is not None), default=0.0)
 
 
 def record_table(comparison: Comparison) -> tuple[list[str], list[list[str]]]:
@@ -190,7 +200,7 @@ def record_table(comparison: Comparison) -> tuple[list[str], list[list[str]]]:
         Titles and rows.
     """
     first = comparison.plain or comparison.plain_held_out
-    factor, unit = (1.0, "") if first is None else read_in(first.unit)
+    factor, unit = (1.0, "") if first is None else _error_unit(first.unit, _largest_error(comparison))
     titles = [">" + tr("% of torque"), f">{tr('error')} {unit}", f">{tr('noise')} {unit}"] if first is not None else []
     rows = []
     for r in comparison.records:

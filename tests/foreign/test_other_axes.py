@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,10 @@ from numpy.typing import NDArray
 
 from beltcomm.axis import axis_from_dict, load_axis
 from beltcomm.cli.main import cli
-from beltcomm.errors import UsageError
+from beltcomm.errors import DataError, UsageError
 from beltcomm.fit.noise.level import is_held
 from beltcomm.fit.path_fit import choice as path_choice
+from beltcomm.fit.start.model import start_model
 from beltcomm.fit.start.rigid import least_squares
 from beltcomm.foreign.guess import NeedsAnswers, _guesses_for, completed
 from beltcomm.foreign.plausibility import findings
@@ -220,3 +222,23 @@ def test_no_path_of_the_torque_is_looked_for_behind_a_model_without_inertia() ->
     assert path_choice._without_inertia(rigid)
     assert not path_choice._without_inertia(rigid.with_values({"motor.inertia": 1e-3}))
     assert not path_choice._without_inertia(load_plant("g_a").model.with_values({"motor.inertia": 1e-8}))
+
+
+@pytest.mark.parametrize(
+    ("viscous", "coulomb", "stated", "refused"),
+    [(1.2, 0.5, "", False), (1.2, 270.0, "", True), (1.2, 270.0, "0.4", False), (60.0, 270.0, "0.4", False), (1.2, 270.0, "4e-3", True)],
+)
+def test_a_large_machine_is_none_of_another_unit_where_its_inertia_is_stated(
+    viscous: float, coulomb: float, stated: str, refused: bool
+) -> None:
+    t, angle, speed = moved(8)
+    torque = 0.5 * np.gradient(speed, 1e-3) + viscous * speed + coulomb * np.sign(speed) + np.random.default_rng(1).normal(0, 2.0, len(t))
+    record = Recording(name="a", t_s=t, torque=torque, position=angle)
+    axis = replace(NO_BELT, motor=replace(NO_BELT.motor, inertia_kg_m2=float(stated) if stated else None))
+    if refused:
+        with pytest.raises(DataError, match=r"state motor\.inertia_kg_m2 of so large a machine"):
+            start_model(axis, [record])
+        return
+    found = start_model(axis, [record])
+    assert (found["viscous.damping"], found["coulomb.level"]) == pytest.approx((viscous, coulomb), rel=0.05, abs=0.3)
+    assert found.parameters["viscous.damping"].high >= 5.0 * viscous

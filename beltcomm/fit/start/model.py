@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,6 +29,9 @@ MOTOR_SHARE = 0.7
 #: From where on the inertia of everything that moves, by its slow motion, corrects the first estimate; its relative error at most, and
 #: torque of acceleration over friction at least; and from where on nothing is left of the first estimate.
 ANCHOR_OFF, ANCHOR_ERROR, ANCHOR_DYNAMIC, ANCHOR_LOST = 1.2, 0.1, 0.5, 2.0
+#: Factor between stated and found inertia within which no unit is another one; viscous friction of a large machine, N m s/rad, of which
+#: that is not known; room of the frictions above those found, for the fit.
+SAME_UNITS, MOST_VISCOUS, ROOM = 5.0, 50.0, 20.0
 
 
 def start_model(axis: Axis, recordings: Sequence[Recording]) -> Model:
@@ -231,10 +236,17 @@ def _rigid_start(axis: Axis, recordings: Sequence[Recording]) -> Model:
     sheet = axis.get("motor.inertia_kg_m2") if recordings[0].side == "motor" else None
     inertia, viscous, coulomb = map(float, least_squares(recordings, sheet))
     values = {"motor.inertia": inertia, "viscous.damping": viscous, "coulomb.level": coulomb, "transmission.ratio": 1.0}
+    side = recordings[0].side
+    usual = build_model(axis.name, RIGID_BASE, {}, base_bodies=("motor",), side=side).parameters
+    large = sheet is not None and sheet / SAME_UNITS < inertia < sheet * SAME_UNITS
+    most = {"viscous.damping": math.inf if large else MOST_VISCOUS, "coulomb.level": math.inf if large else usual["coulomb.level"].high}
+    wide = {n: replace(usual[n], high=max(usual[n].high, ROOM * values[n])) for n, high in most.items() if values[n] <= high}
     try:
-        return build_model(axis.name, RIGID_BASE, values, base_bodies=("motor",), origin="data sheet", side=recordings[0].side)
+        plain = Model(axis.name, RIGID_BASE, {**usual, **wide}, ("motor",), side=side)
+        return plain.with_values(values, "data sheet")
     except UsageError as beyond:
         raise DataError(
             f"by least squares {beyond}: no axis is so. Torque (current, voltage), angle or time is in another unit than it says, as "
-            "N mm, mA or ms: correct the mapping and import the file again"
+            "N mm, mA or ms: correct the mapping and import the file again; where the units are right, state motor.inertia_kg_m2 of so "
+            "large a machine in axis.yaml"
         ) from beyond
