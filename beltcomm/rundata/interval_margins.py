@@ -75,9 +75,9 @@ def require_over_intervals(
         if short := missing(result.cascade, end.model):
             known, at = model.parameters[end.name], replace(end.model.parameters[end.name], interval=None)
             raise Refused(
-                f"{name} does not hold over what is known of this axis: {end.name} is {known}, and at {at} {short}. {KEPT}; make a response "
-                "that tells it better (`beltcomm identify` at another place, or with --excitation chirp), or look what the model lacks: "
-                f"`beltcomm diagnose {pasted(folder.path)}`"
+                f"{name} does not hold over what is known of this axis: {end.name} is {known}, and at {at} {short}. {KEPT}; make a "
+                "response that tells it better (`beltcomm identify` at another place, or with --excitation chirp), or look what the model "
+                f"lacks: `beltcomm diagnose {pasted(folder.path)}`"
             )
     for cascade in at_interval_ends(folder, result.cascade):
         if short := missing(cascade, model):

@@ -63,7 +63,9 @@ def test_a_loop_holds_over_the_interval_of_its_mass_or_is_refused(tmp_path: Path
     if holds:
         judge()
         return
-    with pytest.raises(Refused, match=r"the first loop does not hold .* cart\.mass is 13\.4\d* ± .* kg, and at .* it is unstable") as refusal:
+    with pytest.raises(
+        Refused, match=r"the first loop does not hold .* cart\.mass is 13\.4\d* ± .* kg, and at .* it is unstable"
+    ) as refusal:
         judge()
     assert refusal.value.exit_code == 1
     assert "beltcomm identify" in str(refusal.value)
