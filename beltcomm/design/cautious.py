@@ -14,6 +14,8 @@ from beltcomm.errors import UsageError
 
 #: The least damping ratio of a belt resonance that the first loop counts on (an assumption; the rigs of the thesis have 3 %).
 LEAST_RESONANCE_DAMPING = 0.01
+#: Shares of the friction of a first response that the loop must hold with: most of it is Coulomb friction in disguise.
+FRICTIONS = (0.0, 0.1, 1.0)
 
 
 def cautious_specification() -> Specification:
@@ -52,18 +54,29 @@ def uncertain_plants(plant: DesignPlant, uncertainty: float = 0.3) -> list[Desig
     """
     if not 0.0 < uncertainty < 1.0:
         raise UsageError(f"the uncertainty of the first plant is {uncertainty}; give a share between 0 and 1, such as 0.3")
-    if plant.belt_damping_ns_m == 0.0:
-        plant = with_resonance_damping(plant, max(LEAST_RESONANCE_DAMPING, plant.resonance_damping / 3.0))
-    least = with_resonance_damping(plant, LEAST_RESONANCE_DAMPING)
-    if plant.belt_damping_ns_m < least.belt_damping_ns_m:  # a first response hardly tells it, and without it there is no loop at all
-        plant = least
+    plant = with_least_damping(plant)
     ends = (1.0 - uncertainty, 1.0 + uncertainty)
     result = []
     for m, c in [(1.0, 1.0), *itertools.product(ends, repeat=2)]:
         name = f"mass x {m:g}, stiffness x {c:g}"
         corner = replace(plant, mass_kg=m * plant.mass_kg, stiffness_n_m=c * plant.stiffness_n_m, name=name)
-        result += with_friction_fractions(corner, (0.0, 0.1, 1.0))
+        result += with_friction_fractions(corner, FRICTIONS)
     return result
+
+
+def with_least_damping(plant: DesignPlant) -> DesignPlant:
+    """The plant with the belt damper that a first loop may count on.
+
+    Parameters
+    ----------
+    plant : DesignPlant
+        Of a first frequency response.
+    """
+    if plant.belt_damping_ns_m == 0.0:
+        plant = with_resonance_damping(plant, max(LEAST_RESONANCE_DAMPING, plant.resonance_damping / 3.0))
+    least = with_resonance_damping(plant, LEAST_RESONANCE_DAMPING)
+    # A first response hardly tells it, and without it there is no loop at all.
+    return least if plant.belt_damping_ns_m < least.belt_damping_ns_m else plant
 
 
 def with_resonance_damping(plant: DesignPlant, ratio: float) -> DesignPlant:

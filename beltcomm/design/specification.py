@@ -100,6 +100,9 @@ GROUPS = {
     "position": "the position loop's phase margin",
 }
 
+#: Phase margin of the velocity loop of a specification that is relaxed all the way.
+HARDLY_DEG = 5.0
+
 
 def relax(specification: Specification, groups: tuple[str, ...], share: float) -> Specification:
     """The specification with the named groups moved by ``share`` (0: as asked, 1: hardly any margin left).
@@ -121,7 +124,7 @@ def relax(specification: Specification, groups: tuple[str, ...], share: float) -
         Other groups as they were.
     """
     if "velocity" in groups:
-        margin = _between(specification.phase_margin_deg, 5.0, share)
+        margin = _between(specification.phase_margin_deg, HARDLY_DEG, share)
         implied_db = -20.0 * math.log10(2.0 * math.sin(math.radians(0.5 * margin)))
         specification = replace(
             specification,
@@ -135,6 +138,27 @@ def relax(specification: Specification, groups: tuple[str, ...], share: float) -
         margin = _between(specification.position_phase_margin_deg, 20.0, share)
         specification = replace(specification, position_phase_margin_deg=margin)
     return specification
+
+
+def relaxed_to(specification: Specification, phase_margin_deg: float) -> Specification:
+    """The specification with the margins of both loops relaxed together until the velocity loop has this phase margin.
+
+    Parameters
+    ----------
+    specification : Specification
+        What was asked for; one that asks for no more stays as it is.
+    phase_margin_deg : float, deg
+        Of the velocity loop, above 5.
+
+    Returns
+    -------
+    Specification
+        The suppression as it was.
+    """
+    asked = specification.phase_margin_deg
+    if asked <= phase_margin_deg:
+        return specification
+    return relax(specification, ("velocity", "position"), (asked - phase_margin_deg) / (asked - HARDLY_DEG))
 
 
 def _between(asked: float, least: float, share: float) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.cascade import DesignResult
+from beltcomm.design.design_plant import DesignPlant
 from beltcomm.errors import DataError, NoMotion, Refused, SafetyStop
 from beltcomm.experiments import (
     execute_step,
@@ -47,6 +48,7 @@ from beltcomm.rundata.findings import Apply as Apply
 from beltcomm.rundata.findings import Findings as Findings
 from beltcomm.rundata.findings import Settings as Settings
 from beltcomm.rundata.first_motions import Excited
+from beltcomm.rundata.interval_margins import first_loop_plants, require_over_intervals
 from beltcomm.rundata.proof import SURE_MARGIN_DEG, move_name, proof, thin_margins
 from beltcomm.schedule.record_schedule import TITLES as TITLES
 from beltcomm.schedule.steps import SHORT_S
@@ -263,6 +265,7 @@ def first_cascade(machine: Machine, findings: Findings, model: Model, at_m: floa
     assume_delay(findings, structure)
     seen = at_m, delay(findings), analyse.apparent_damping(findings.thesis)
     result = analyse.first_loop(model, structure, *seen)
+    require_over_intervals("the first loop", result, model, lambda at_end: first_loop_plants(at_end, *seen), machine.folder)
     margin = min(m.phase_margin_deg for m in result.margins)
     if findings.swing is not None:
         margin = min(margin, payload_mode_in_first_fit.proven_margin_deg(findings.swing, result.cascade, structure, *seen))
@@ -337,6 +340,12 @@ def _fit_and_design(machine: Machine, findings: Findings, settings: Settings) ->
         machine.found("friction", f"{three_digits(total_friction(model) / model['transmission.ratio'])} N")  # as the verdict has it
     findings.standstill = largest(recordings, findings.thesis, model, findings.friction)
     findings.design, findings.cascade = design_for(machine.axis, model, machine.drive.capabilities.structure, findings, settings)
+
+    def plants(at_end: Model) -> list[DesignPlant]:
+        of_travel, apparent = machine.axis.travel.ends_m, analyse.apparent_damping(findings.thesis)
+        return analyse.plants_with_damping(at_end, of_travel, _masses_kg(at_end, settings), delay(findings), apparent)
+
+    require_over_intervals("the final design", findings.design, model, plants, machine.folder)
     findings.reservations += thin_margins(findings.design.margins)
     return findings.cascade
 
@@ -356,18 +365,22 @@ def design_for(
     settings : Settings
     """
     assume_delay(findings, structure)
-    masses = [model["cart.mass"], *(model["cart.mass"] + extra for extra in settings.payloads_kg)]
     return analyse.design(
         model,
         structure,
         positions_m=axis.travel.ends_m,
-        masses_kg=masses,
+        masses_kg=_masses_kg(model, settings),
         dead_time_s=delay(findings),
         apparent_damping_nm_s_rad=analyse.apparent_damping(findings.thesis),
         prefilter=settings.prefilter,
         feedforward=settings.feedforward,
         specification=settings.specification,
     )
+
+
+def _masses_kg(model: Model, settings: Settings) -> list[float]:
+    """Carriage with the payload mounted now and with the further ones stated."""
+    return [model["cart.mass"], *(model["cart.mass"] + extra for extra in settings.payloads_kg)]
 
 
 def _known_model(findings: Findings) -> Model:

@@ -356,4 +356,6 @@ def _velocity_units(parameters: Mapping[str, ParameterObject], law: VelocityLaw,
     told = _unit(ki, value, interval)
     if not told.interval < told.value or abs(told.factor - 1.0) < max(SAME_TIME, told.interval / told.assumed):
         told = replace(told, value=told.assumed, interval=0.0)
+        if ki.law == "integral_time":
+            gain = law.gain_at(told.value * raw[_TOLD])
     return {GAIN: _unit(kp, gain.value / raw[GAIN], gain.interval / raw[GAIN]), _TOLD: told}

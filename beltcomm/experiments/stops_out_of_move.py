@@ -20,7 +20,8 @@ from beltcomm.machine.envelope import Envelope
 from beltcomm.machine.machine import Machine
 from beltcomm.machine.prediction_watch import BELT_BEYOND, SURPRISE
 from beltcomm.model import Model
-from beltcomm.simulate.loop import SetpointGrid, close_loop
+from beltcomm.rundata.calibration import at_interval_ends
+from beltcomm.simulate.loop import LoopRun, SetpointGrid, close_loop
 from beltcomm.simulate.plant import SimulatedPlant
 from beltcomm.simulate.stopping import NO_STOP, OFF_THE_MODEL, References, StopOutOfMove, StopReaction, predict_stop_out_of_move
 from beltcomm.trajectory import Trajectory
@@ -265,7 +266,8 @@ def worst_stops(
 ) -> StopsOutOfMove:
     """The worst stops out of a move.
 
-    The drive's torque is bounded by the limit that is lent to the move, which holds until it stands.
+    The drive's torque is bounded by the limit that is lent to the move, which holds until it stands.  Around the worst instant the gains
+    are also those at the ends of their intervals, where steps have shown what they mean.
 
     Parameters
     ----------
@@ -297,9 +299,8 @@ def worst_stops(
         along = along + feedforward_torque(running.feedforward, sent.velocity_m_s / ratio, sent.sample_period_s)
         running = replace(running, feedforward=Feedforward(velocity=running.feedforward.velocity))
     references = References(position, speed, grid.zero_order_hold(along))
-    start_m = float(sent.position_m[0])
     try:
-        resting = SimulatedPlant(model, start_m)
+        resting = SimulatedPlant(model, float(sent.position_m[0]))
         whole = close_loop(resting.copied(), running, drive.simulated, "position", position, speed, references.added_nm)
     except Refused:
         return StopsOutOfMove(OFF_THE_MODEL, OFF_THE_MODEL)
@@ -308,23 +309,32 @@ def worst_stops(
     lost = StopReaction(lag_m / ratio, max(FOLLOWING_ERROR_S, sent.sample_period_s), guard_s, machine.deceleration_m_s2)
     losses = [lost] if machine.drive.capabilities.following_error_stops else [lost, replace(lost, window_rad=math.inf)]
     moving = np.flatnonzero(speed)
-    ends = np.unique(np.linspace(max(1, moving[0]), moving[-1], instants).astype(int)) if len(moving) else ()
-
-    def at(end: int, reaction: StopReaction) -> StopOutOfMove:
-        try:
-            return predict_stop_out_of_move(resting, running, references, end, bounded, reaction)
-        except Refused:
-            return OFF_THE_MODEL
+    ends = np.unique(np.linspace(max(1, moving[0]), moving[-1], instants).astype(int)) if len(moving) else np.zeros(0, dtype=int)
+    others = at_interval_ends(machine.folder, running)
 
     def worst(reaction: StopReaction) -> StopOutOfMove:
-        found = [at(int(end), reaction) for end in ends]
-        if not found:
+        if not len(ends):
             return NO_STOP
+
+        def at(end: int, loop: Cascade) -> StopOutOfMove:
+            try:
+                return predict_stop_out_of_move(resting, loop, references, end, bounded, reaction)
+            except Refused:
+                return OFF_THE_MODEL
+
+        found = [at(int(end), running) for end in ends]
         most = max(range(len(found)), key=lambda number: found[number].belt_force_n)
         around = np.linspace(ends[max(most - 1, 0)], ends[min(most + 1, len(ends) - 1)], FINER + 2).astype(int)[1:-1]
-        return reduce(or_, (*found, *(at(int(end), reaction) for end in around)))
+        found += [at(int(end), loop) for loop in (running, *others) for end in around]
+        return reduce(or_, found)
 
-    places = start_m + whole.cart_m
-    completed = StopOutOfMove(float(np.ptp(places)), float(places.min()), float(places.max()), float(whole.belt_force_n.max()))
     behind = float(np.max(np.abs(ratio * (position - position[0] - whole.position_rad))))
-    return StopsOutOfMove(worst(replace(lost, window_rad=math.inf, guard_s=0.0)), reduce(or_, map(worst, losses)), completed, behind)
+    return StopsOutOfMove(
+        worst(replace(lost, window_rad=math.inf, guard_s=0.0)), reduce(or_, map(worst, losses)), _completed(resting, whole), behind
+    )
+
+
+def _completed(resting: SimulatedPlant, whole: LoopRun) -> StopOutOfMove:
+    """A move to its end, with what it overshoots."""
+    places = resting.start_m + whole.cart_m
+    return StopOutOfMove(float(np.ptp(places)), float(places.min()), float(places.max()), float(whole.belt_force_n.max()))

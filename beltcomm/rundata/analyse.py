@@ -283,6 +283,39 @@ def design_plants(
     return plants
 
 
+def _tells_no_damping(model: Model) -> bool:
+    return model.get("belt_damping.damping", 1.0) == 0.0
+
+
+def plants_with_damping(
+    model: Model,
+    positions_m: Sequence[float],
+    masses_kg: Sequence[float],
+    dead_time_s: float,
+    apparent_damping_nm_s_rad: float,
+) -> list[DesignPlant]:
+    """The plants of a final design: those of :func:`design_plants`, none without any damping of its belt.
+
+    A fit at its bound tells none, and no loop suppresses such a resonance; counted as by the first loop, which ran the axis.
+
+    Parameters
+    ----------
+    model : Model
+    positions_m : sequence of float, m
+        Carriage on the axis.
+    masses_kg : sequence of float, kg
+        Carriage with payload.
+    dead_time_s : float, s
+        Of the torque path.
+    apparent_damping_nm_s_rad : float, N m s/rad, motor shaft
+        As of :func:`design_plants`.
+    """
+    plants = design_plants(model, positions_m, masses_kg, dead_time_s, apparent_damping_nm_s_rad)
+    if not _tells_no_damping(model):
+        return plants
+    return [p if p.bodies else with_resonance_damping(p, LEAST_RESONANCE_DAMPING) for p in plants]
+
+
 def design(
     model: Model,
     structure: CascadeStructure,
@@ -325,10 +358,7 @@ def design(
     wanted = specification or PRODUCT_SPECIFICATION
     if prefilter is not None:
         wanted = replace(wanted, prefilters=(prefilter,))
-    plants = design_plants(model, positions_m, masses_kg, dead_time_s, apparent_damping_nm_s_rad)
-    untold = model.get("belt_damping.damping", 1.0) == 0.0
-    if untold:  # a fit at its bound: no loop suppresses a resonance without any damping; counted as by the first loop, which ran the axis
-        plants = [p if p.bodies else with_resonance_damping(p, LEAST_RESONANCE_DAMPING) for p in plants]
+    plants = plants_with_damping(model, positions_m, masses_kg, dead_time_s, apparent_damping_nm_s_rad)
     try:
         result = design_cascade(plants, structure, wanted)
     except Infeasible as refusal:
@@ -337,7 +367,7 @@ def design(
             raise
         result = design_cascade(plants, structure, nearest)
         result = replace(result, remarks=(f"the usual margins cannot be had: {refusal}", *result.remarks), relaxed=True)
-    if untold:
+    if _tells_no_damping(model):
         words = f"the fit tells no damping of the belt: a resonance damped by {100.0 * LEAST_RESONANCE_DAMPING:g} % is counted with"
         result = replace(result, remarks=(words, *result.remarks))
     return result, with_feedforward(result.cascade, model, structure, dead_time_s, feedforward, apparent_damping_nm_s_rad)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from platformdirs import user_data_path
 
 from beltcomm.configfiles import read_yaml, to_yaml, write_text
 from beltcomm.contents import check_content
+from beltcomm.control import Cascade
 from beltcomm.drive import Drive
 from beltcomm.errors import DataError, Refused, UsageError
 from beltcomm.runfolder import RunFolder
@@ -134,11 +135,50 @@ def unsure(folder: RunFolder) -> float:
     DataError
         For a damaged result.
     """
+    return max(_shares(folder).values(), default=0.0)
+
+
+def _shares(folder: RunFolder) -> dict[str, float]:
+    """Relative half interval of each unit that a run has measured."""
     data = folder.load_result(RESULT)
     if data is None:
-        return 0.0
+        return {}
     known = _calibration_from_dict(data, folder.file("results", RESULT))
-    return max((one.interval / one.value for one in known.units.values()), default=0.0)
+    return {name: one.interval / one.value for name, one in known.units.items()}
+
+
+def at_interval_ends(folder: RunFolder, cascade: Cascade) -> list[Cascade]:
+    """A cascade at both ends of the 95 % intervals of its gains' units, those of the velocity loop together.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        With what was measured of the drive.
+    cascade : Cascade
+        As it was set.
+
+    Returns
+    -------
+    list of Cascade
+        Empty where no unit was measured.
+
+    Raises
+    ------
+    DataError
+        For a damaged result.
+    """
+    shares = _shares(folder)
+    velocity, position = max(shares.get("kp_nm_s_rad", 0.0), shares.get("ki_nm_rad", 0.0)), shares.get("kpp_1_s", 0.0)
+    factors = {
+        (max(1.0 + one * velocity, 0.0), max(1.0 + other * position, 0.0) if cascade.kpp_1_s else 1.0)
+        for one in (-1.0, 1.0)
+        for other in (-1.0, 1.0)
+    }
+    return [
+        replace(cascade, kp_nm_s_rad=kp * cascade.kp_nm_s_rad, ki_nm_rad=kp * cascade.ki_nm_rad, kpp_1_s=kpp * cascade.kpp_1_s)
+        for kp, kpp in sorted(factors)
+        if (kp, kpp) != (1.0, 1.0)
+    ]
 
 
 def _store_of(kind: str) -> Path:

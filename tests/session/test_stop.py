@@ -13,7 +13,7 @@ import pytest
 
 from beltcomm import api
 from beltcomm.axis import load_axis
-from beltcomm.control import CascadeStructure
+from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.errors import BeltcommError, Refused
 from beltcomm.experiments import proving, verification
 from beltcomm.experiments.stops_out_of_move import STOP_SWING, StopsOutOfMove, worst_stops
@@ -114,6 +114,36 @@ def test_the_drives_own_quick_stop_would_be_too_hard(
     run, bench = copy_of_complete(), make_bench("g_a", start_m=0.0)
     tick, _ = stopped_in_the_move(bench, run, MOMENTS["fastest"][0])
     assert np.abs(bench.plant.belt_force_n[tick:]).max() > 2.0 * LIMIT_N
+
+
+def test_a_stop_is_planned_for_gains_at_the_ends_of_their_intervals(
+    make_bench: MakeBench, copy_of_complete: Copy, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Steps tell a drive's gains to some per cent; 103 N were in a belt where 100 N were said by gains that were 10 % too small."""
+    found: dict[str, Any] = {}
+
+    def of_all(machine: Machine, model: Model, running: Cascade, *given: Any, **more: Any) -> StopsOutOfMove:
+        at = [(one, other) for one in (0.95, 1.05) for other in (0.95, 1.05)]
+        others = [
+            replace(running, kp_nm_s_rad=one * running.kp_nm_s_rad, ki_nm_rad=one * running.ki_nm_rad, kpp_1_s=other * running.kpp_1_s)
+            for one, other in at
+        ]
+        found["alone"] = worst_stops(machine, model, running, *given, **more)
+        found["ends"] = [worst_stops(machine, model, other, *given, **more) for other in others]
+        unit = {"unit": 1.0, "interval": 0.05, "assumed": 1.0, "object": "2010h:1"}
+        measured = {"kind": "x", "rated_torque_nm": 1.4, "rated_current_a": 2.2, "units": {"kp_nm_s_rad": unit, "kpp_1_s": unit}}
+        machine.folder.save("results", "calibration", measured)
+        found["known"] = worst_stops(machine, model, running, *given, **more)
+        raise Refused("that is enough")
+
+    monkeypatch.setattr(verification, "worst_stops", of_all)
+    run, bench = copy_of_complete(), make_bench("g_a", start_m=0.0)
+    with pytest.raises(Refused, match="enough"):
+        api.verify(bench.name, run, options=YES)
+    for kind in ("asked_for", "host_lost"):
+        alone, known, *ends = (getattr(one, kind).belt_force_n for one in (found["alone"], found["known"], *found["ends"]))
+        assert known > alone + 0.1, "gains that are not exact make a harder stop possible"
+        assert known > max(ends) - 0.5, "the journal's numbers are whole"
 
 
 def test_a_drive_that_only_reports_its_following_error_pulls_harder_at_a_lost_host(

@@ -1,0 +1,58 @@
+"""Ends of the intervals that a loop must hold at: where the fit says, with what it cannot tell apart, and never beyond what can be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from beltcomm.design.interval_ends import interval_ends
+from beltcomm.model import Model
+from beltcomm.model.covariance import Covariance
+from identify.records import true_model
+from truth.rigs import nominal
+
+J, M, C = "motor.inertia", "cart.mass", "belt_stiffness.stiffness"
+
+
+def known_to(**half: float) -> Model:
+    """Rig g_a with half widths of intervals, of what is named alone."""
+    model = true_model(nominal("g_a"))
+    names = {"inertia": J, "mass": M, "stiffness": C}
+    told = {names[short]: width for short, width in half.items()}
+    return replace(model, parameters={n: replace(v, interval=told.get(n)) for n, v in model.parameters.items()}, covariance=None)
+
+
+def test_a_model_that_nobody_estimated_has_no_ends() -> None:
+    assert interval_ends(known_to()) == []
+
+
+def test_both_ends_of_what_was_estimated() -> None:
+    model = known_to(mass=0.5, stiffness=1e3)
+    found = [(end.name, end.model[end.name] - model[end.name]) for end in interval_ends(model)]
+    assert [name for name, _ in found] == [M, M, C, C]
+    assert [way for _, way in found] == pytest.approx([-0.5, 0.5, -1e3, 1e3])
+    assert all(end.model[J] == model[J] for end in interval_ends(model))
+
+
+def test_a_sum_that_is_known_stays() -> None:
+    """Inertia and mass that only their sum J + i² m is known of: a heavier carriage goes with a lighter motor."""
+    model = known_to(inertia=1e-5, mass=1e-5 / 0.01242**2)
+    ratio = model["transmission.ratio"]
+    along = np.array([ratio**2, -1.0])  # of J and m: the sum stays
+    deviation = 1e-5 / 1.96 / ratio**2
+    model = replace(model, covariance=Covariance((J, M), deviation**2 * np.outer(along, along), np.inf))
+    whole = model[J] + ratio**2 * model[M]
+    ends = interval_ends(model)
+    assert len(ends) == 4
+    for end in ends:
+        assert end.model[J] + ratio**2 * end.model[M] == pytest.approx(whole, rel=1e-9)
+        assert end.model[J] != model[J]
+
+
+def test_no_end_is_beyond_a_bound() -> None:
+    """Seen on a drive whose torque path was mistaken: 16 kg ± 1672 kg."""
+    low, high = interval_ends(known_to(mass=1672.0))
+    assert low.model[M] == low.model.parameters[M].low > 0.0
+    assert high.model[M] == pytest.approx(true_model(nominal("g_a"))[M] + 1672.0)
