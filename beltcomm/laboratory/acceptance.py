@@ -27,6 +27,7 @@ from beltcomm.effects import Effect
 from beltcomm.fit.band_error import changes
 from beltcomm.fit.estimate import BLOCK_S, Fitted
 from beltcomm.fit.likelihood.problem import Problem
+from beltcomm.fit.noise.level import TOO_LITTLE
 from beltcomm.fit.records import PUBLISHED_SUBSTEPS, Data, group_of, with_whitener
 from beltcomm.fit.residual.observer import needs_observer
 from beltcomm.fit.residual.segment import Segment
@@ -146,6 +147,8 @@ def lowers(data: Data, before: Fitted, after: Fitted, ahead: Data | None = None)
 def _falls(change: tuple[float, float], before: float, after: float) -> bool:
     """True if a plain error falls; where it rises by no more than anybody reads off, whether the error over the noise does.
 
+    Such an effect smooths the noise instead where the error ends below what that can leave.
+
     Parameters
     ----------
     change : tuple of float
@@ -154,7 +157,7 @@ def _falls(change: tuple[float, float], before: float, after: float) -> bool:
         Errors over the noise.
     """
     rise, unread = change
-    return rise <= unread and (rise < 0.0 or after < before)
+    return rise <= unread and (rise < 0.0 or (after < before and not after < TOO_LITTLE <= before))
 
 
 def is_confirmed(data: Data, before: Fitted, after: Fitted, ahead: Data | None = None) -> bool | None:

@@ -173,6 +173,9 @@ def test_records_held_out_below_their_own_noise_do_not_refuse_an_effect(
         (0.05, 0.1, 1.05, 1.09, False),
         (0.2, 0.1, 1.09, 1.05, False),  # in units of the noise only
         (0.0, 0.0, 1.0, 1.0, False),
+        (0.05, 0.1, 1.0, 0.47, False),  # less than noise can leave: the noise was smoothed
+        (-1.0, 0.1, 1.0, 0.47, True),
+        (0.05, 0.1, 0.7, 0.6, True),  # its size was in doubt before
     ],
 )
 def test_when_a_plain_error_falls(rise: float, chance: float, before: float, after: float, fell: bool) -> None:
