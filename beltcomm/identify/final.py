@@ -117,7 +117,9 @@ def final_model(
         return FinalModel(fit, None, RIGID)
 
     def simulated() -> SeldomFit | None:
-        return fit_seldom(recordings, start, counts_per_rev=counts_per_rev, passes=steady_passes(recordings, start))
+        sheet = data_sheet(axis, recordings)  # a first estimate of such rows may have half or twice the inertia
+        known = start if sheet is None else start.with_values({"motor.inertia": sheet["motor.inertia"]})
+        return fit_seldom(recordings, known, counts_per_rev=counts_per_rev, passes=steady_passes(recordings, start))
 
     unseen = axis.kind in KINDS and any(comes_seldom(r, start) for r in recordings)  # a belt has a law of its stiffness
     slow = unseen or max(r.sample_period_s for r in recordings) > SELDOM_S

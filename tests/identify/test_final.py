@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -60,6 +61,23 @@ def test_start_values_take_the_level_of_friction_from_the_record() -> None:
     assert fit.misfit < 1.2  # from the friction of the rig itself the search ends at 6.8
     assert fit.model["cart.mass"] == pytest.approx(truth["mass_kg"], rel=0.05)
     assert fit.model["belt_stiffness.stiffness"] == pytest.approx(truth["stiffness_n_m"], rel=0.05)
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_rows_that_come_seldom_are_held_near_the_data_sheet_s_inertia(factor: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not near that of a first estimate, which of rows of 10 ms may be half or twice as much."""
+    seen: list[float] = []
+
+    def simulated(_recordings: Sequence[Recording], start: Model, **_: object) -> SimpleNamespace:
+        seen.append(start["motor.inertia"])
+        return SimpleNamespace(suspect=False)
+
+    record = Recorder(3).shaken(draw("g_b", np.random.default_rng(61)), 0.1, 3, at_m=0.25)
+    seldom = replace(record, t_s=10.0 * record.t_s)
+    start = true_model(draw("g_b", np.random.default_rng(61)))
+    monkeypatch.setattr(module, "fit_seldom", simulated)
+    final_model([seldom], AXIS, COUNTS, start=start.with_values({"motor.inertia": factor * start["motor.inertia"]}))
+    assert seen == [AXIS.motor_side_inertia_kg_m2]
 
 
 @pytest.fixture(scope="module")
