@@ -8,6 +8,7 @@ even from half as fast again as predicted it must end inside the window.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -214,20 +215,12 @@ def family_around(model: Model) -> list[Model]:
     untold = {n for n in levels if n.endswith(".damping") and known[n].interval is None}
     share = 0.0 if model.rigid else UNMEASURED_DAMPING
     calmer = model.with_values({n: model[n] * (share if n in untold else 1.0 - apart) for n in levels})
-    stiff = _stiffness_names(model)
-    return [
-        model,
-        *(
-            calmer.with_values(
-                {
-                    "cart.mass": model["cart.mass"] * (1 + a * apart),
-                    **_scale_values(model, stiff, 1 + b * apart),
-                }
-            )
-            for a in (-1, 1)
-            for b in (-1, 1)
-        ),
-    ]
+    stiff, family = _stiffness_names(model), [model]
+    for a, b in itertools.product((-1, 1), repeat=2):
+        values = {"cart.mass": model["cart.mass"] * (1 + a * apart), **_scale_values(model, stiff, 1 + b * apart)}
+        # a first estimate may stand beside its bound
+        family.append(calmer.with_values({n: min(max(v, known[n].low), known[n].high) for n, v in values.items()}))
+    return family
 
 
 def not_ruled_out(family: Sequence[Model], recording: Recording, ratio: float, position_m: float) -> Sequence[Model]:

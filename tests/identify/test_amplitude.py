@@ -109,6 +109,14 @@ def test_family_holds_what_it_says() -> None:
     assert max(member["belt_damping.damping"] for member in family) == model["belt_damping.damping"]
 
 
+def test_the_family_of_an_estimate_at_its_bound_stays_inside() -> None:
+    model = true_model(draw("g_b", np.random.default_rng(55)))
+    most = model.parameters["cart.mass"].high
+    masses = {member["cart.mass"] for member in family_around(model.with_values({"cart.mass": 0.98 * most}))}
+    assert max(masses) == most
+    assert min(masses) < 0.9 * most
+
+
 @pytest.fixture(scope="module")
 def family() -> Sequence[Model]:
     return family_around(true_model(draw("g_b", np.random.default_rng(55))))
