@@ -25,6 +25,7 @@ from beltcomm.experiments.plan import commission_plan
 from beltcomm.experiments.plan_screen import plan_screen
 from beltcomm.laboratory.figures import PlainError
 from beltcomm.language import catalogue
+from beltcomm.sentences.cross_checks import _CHECKS
 from beltcomm.sentences.laboratory import STATES, error_words
 from doctor.setups import SETUPS, called
 
@@ -160,6 +161,18 @@ def test_the_catalogue_of_effects_is_translated(spoken: str) -> None:
     shown = {text for effect in EFFECTS for text in (effect.title, effect.seen, effect.causes, effect.check, effect.remedy) if text}
     shown |= {parameter.meaning for effect in EFFECTS for parameter in effect.parameters}
     assert sorted(text for text in shown if language.told(text) == text) == []
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "N m and % up to 240 Hz; x noise at all frequencies, by its own noise: no quotient.",
+        "  The model explains these records: what differs between them is in it.",
+        *(f"  {line}" for line in _CHECKS["belt.specific_stiffness_n"]),
+    ],
+)
+def test_details_of_a_comparison_are_translated(spoken: str, line: str) -> None:
+    assert language.line_told(line) != line
 
 
 def test_a_line_keeps_its_indentation_and_its_mark(spoken: str) -> None:

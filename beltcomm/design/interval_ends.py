@@ -4,7 +4,8 @@ An inertia or a stiffness goes to an end of its interval, and with it what the f
 
     δ_k = Σ_kn/Σ_nn δ_n
 
-Σ : covariance of the fit.   The way ends where the first of them meets a bound: no mass is negative, however wide its interval.
+Σ : covariance of the fit.   The way ends where the parameter meets its bound, and the others stay at theirs: no mass is negative, however
+wide its interval.
 """
 
 from __future__ import annotations
@@ -12,10 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from beltcomm.model import Model
-
-#: Springs that a loop feels beside the inertias.
-SPRINGS = ("belt_stiffness.stiffness",)
+from beltcomm.model import BELT_STIFFNESSES, Model
 
 
 @dataclass(frozen=True)
@@ -47,7 +45,7 @@ def interval_ends(model: Model) -> list[IntervalEnd]:
     list of IntervalEnd
         The lower end first, by parameter.
     """
-    names = [name for name in (*(name for name, _ in model.bodies()), *SPRINGS) if name in model.parameters]
+    names = [name for name in (*(name for name, _ in model.bodies()), *BELT_STIFFNESSES) if name in model.parameters]
     estimated = [name for name in names if model.parameters[name].interval_95 is not None]
     return [IntervalEnd(name, _moved(model, name, sign, estimated)) for name in estimated for sign in (-1.0, 1.0)]
 
@@ -60,7 +58,7 @@ def _moved(model: Model, name: str, sign: float, along: list[str]) -> Model:
         matrix, at = model.covariance.of(along), along.index(name)
         if matrix[at, at] > 0.0:
             ways |= {other: sign * half * float(matrix[k, at] / matrix[at, at]) for k, other in enumerate(along) if other != name}
-    share = min(1.0, *(_share_to_bound(model, other, way) for other, way in ways.items()))
+    share = min(1.0, _share_to_bound(model, name, ways[name]))
     values = {}
     for other, way in ways.items():
         item = model.parameters[other]

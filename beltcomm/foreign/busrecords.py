@@ -332,7 +332,7 @@ def _stretches(rows: _Rows, seen: list[Seen], node: int, period_s: float | None)
     # rows between that were left out because the stage was off part two records as well
     between = np.add.reduceat(~kept & np.isfinite(position), chosen)[:-1] if len(chosen) > 1 else np.zeros(0)
     breaks |= between > 0
-    return [part for part in np.split(chosen, np.flatnonzero(breaks) + 1)]
+    return list(np.split(chosen, np.flatnonzero(breaks) + 1))
 
 
 def _mode_at(seen: list[Seen], node: int, frame: int) -> int | None:

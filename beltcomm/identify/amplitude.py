@@ -17,7 +17,7 @@ import numpy as np
 from beltcomm.arrays import Array
 from beltcomm.axis import Axis
 from beltcomm.errors import Refused
-from beltcomm.model import Model
+from beltcomm.model import BELT_STIFFNESSES, Model
 from beltcomm.model.linear import fastest_rate, operating_point
 from beltcomm.recording import Recording
 from beltcomm.simulate.forward import integrate_torque
@@ -364,7 +364,7 @@ def _first(prediction: Prediction, limits: MotionLimits) -> str:
 
 
 def _stiffness_names(model: Model) -> list[str]:
-    return [n for n in model.parameters if n.startswith(("belt_stiffness.stiffness", "belt_spans.specific", "belt_sections.specific_s"))]
+    return [n for n in BELT_STIFFNESSES if n in model.parameters]
 
 
 def _scale_values(model: Model, names: Sequence[str], factor: float) -> dict[str, float]:

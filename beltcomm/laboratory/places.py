@@ -38,7 +38,7 @@ ALSO = 2
 AS_BAD = 0.4
 #: A mean torque is told where it makes up this share of what the place has too much.
 MEAN_SHARE = 0.25
-#: A mean is worth a word from so many small units on, and from this share of the model's torque (rms): a small axis has a small torque.
+#: A mean is worth a word from so many small units on, or from this share of the model's torque (rms): a small axis has a small torque.
 LEAST_SMALL, LEAST_SHARE = 0.05, 0.01
 #: A record is named where it holds this share of a place's excess.
 RECORD_SHARE = 0.6

@@ -34,6 +34,8 @@ BASE_BODIES = {
 }
 TRANSMISSION = Parameter("ratio", "m/rad", "motor", 0.0125, 1e-5, 10.0, "i_t = r/i_g: travel per radian of the motor (2.16)")
 
+#: Stiffness of the belt by each law that it may have.
+BELT_STIFFNESSES = ("belt_stiffness.stiffness", "belt_spans.specific_stiffness", "belt_sections.specific_stiffness")
 #: N m/A, N m/V and m/rad, usual values: they only carry bounds and start values over to another side.
 _USUAL_CONSTANT, _USUAL_GAIN, _USUAL_RATIO = 0.1, 0.05, 0.0125
 #: Unit on the motor side -> (unit, factor of usual numbers) on another one.

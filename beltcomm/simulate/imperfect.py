@@ -133,6 +133,8 @@ class Intersample:
         above : ndarray (n, CELLS), N m
             At the motor; the rows' means are 0.
         """
+        if not len(above) or not np.isfinite(above).all():
+            return cls(above, np.eye(CELLS))
         rows = above[np.linspace(0, len(above) - 1, min(len(above), TRIED)).astype(np.intp)]
         _, sizes, shapes = np.linalg.svd(rows, full_matrices=False)
         shapes = shapes[: int(np.sum(sizes > MISSED * sizes[0]))]

@@ -125,7 +125,7 @@ def track(ground: SharedInput, axis: DrawnAxis) -> dict[str, Any]:
         "sensitivity_db": max(one.most_sensitivity_db for one in margins),
     }
     path = predict_move(axis.model, ground.cascade, moved, replace(ground.loop, delay_s=axis.delay_s), extra_torque_nm=ground.along_nm)
-    motor = tracking_error(path.t_s, moved.position_m, path.motor_m)
+    motor = path.error
     cart = tracking_error(path.t_s, moved.position_m, path.cart_m)
     kept = motor.dynamic_m <= ground.targets.dynamic_m and motor.static_m <= ground.targets.static_m
     return {

@@ -293,7 +293,7 @@ class Bench:
             path.error_for(ground.targets),
             tracking_error(path.t_s, carriage, path.cart_m, ground.targets),
             path.t_s[::every],
-            1e3 * (wanted - path.motor_m)[::every],
+            1e3 * (wanted - path.read_m)[::every],
             1e3 * (carriage - path.cart_m)[::every],
             sent.carriage.velocity_m_s[::every],
             path.saturated,

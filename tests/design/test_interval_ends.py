@@ -56,3 +56,23 @@ def test_no_end_is_beyond_a_bound() -> None:
     low, high = interval_ends(known_to(mass=1672.0))
     assert low.model[M] == low.model.parameters[M].low > 0.0
     assert high.model[M] == pytest.approx(true_model(nominal("g_a"))[M] + 1672.0)
+
+
+def test_what_goes_along_stays_at_its_bound_and_stops_no_other() -> None:
+    """A mass that hardly anything is known of does not keep the inertia from its own end."""
+    model = known_to(inertia=2e-5, mass=20.0)
+    covariance = np.array([[1e-10, -0.5e-5 * 10.0], [-0.5e-5 * 10.0, 100.0]])
+    model = replace(model, covariance=Covariance((J, M), covariance, np.inf))
+    low, high = interval_ends(model)[:2]
+    assert (low.model[J] - model[J], high.model[J] - model[J]) == pytest.approx((-2e-5, 2e-5))
+    assert high.model[M] == pytest.approx(model[M] - 10.0)
+    wide = replace(model, covariance=Covariance((J, M), covariance * np.array([[1.0, 4.0], [4.0, 16.0]]), np.inf))
+    assert interval_ends(wide)[1].model[M] == wide.parameters[M].low
+    assert interval_ends(wide)[1].model[J] == pytest.approx(model[J] + 2e-5)
+
+
+def test_the_belt_s_stiffness_counts_by_any_law() -> None:
+    model = known_to().without_effect("belt_stiffness").with_effect("belt_spans")
+    name = "belt_spans.specific_stiffness"
+    model = replace(model, parameters={n: replace(v, interval=1e3 if n == name else None) for n, v in model.parameters.items()})
+    assert [end.name for end in interval_ends(model)] == [name, name]

@@ -226,7 +226,14 @@ def test_no_path_of_the_torque_is_looked_for_behind_a_model_without_inertia() ->
 
 @pytest.mark.parametrize(
     ("viscous", "coulomb", "stated", "refused"),
-    [(1.2, 0.5, "", False), (1.2, 270.0, "", True), (1.2, 270.0, "0.4", False), (60.0, 270.0, "0.4", False), (1.2, 270.0, "4e-3", True)],
+    [
+        (1.2, 0.5, "", False),
+        (1.2, 270.0, "", True),
+        (1.2, 270.0, "0.4", False),
+        (60.0, 270.0, "0.4", False),
+        (1.2, 270.0, "4e-3", True),
+        (1.2, 0.5, "4e-3", True),
+    ],
 )
 def test_a_large_machine_is_none_of_another_unit_where_its_inertia_is_stated(
     viscous: float, coulomb: float, stated: str, refused: bool

@@ -29,9 +29,9 @@ MOTOR_SHARE = 0.7
 #: From where on the inertia of everything that moves, by its slow motion, corrects the first estimate; its relative error at most, and
 #: torque of acceleration over friction at least; and from where on nothing is left of the first estimate.
 ANCHOR_OFF, ANCHOR_ERROR, ANCHOR_DYNAMIC, ANCHOR_LOST = 1.2, 0.1, 0.5, 2.0
-#: Factor between stated and found inertia within which no unit is another one; viscous friction of a large machine, N m s/rad, of which
-#: that is not known; room of the frictions above those found, for the fit.
-SAME_UNITS, MOST_VISCOUS, ROOM = 5.0, 50.0, 20.0
+#: Factor between stated and found inertia within which no unit is another one; by which viscous friction may be above its usual bound where
+#: none is stated (torque in another unit shows in the Coulomb friction); room of the frictions above those found, for the fit.
+SAME_UNITS, MORE_VISCOUS, ROOM = 5.0, 100.0, 20.0
 
 
 def start_model(axis: Axis, recordings: Sequence[Recording]) -> Model:
@@ -239,14 +239,15 @@ def _rigid_start(axis: Axis, recordings: Sequence[Recording]) -> Model:
     side = recordings[0].side
     usual = build_model(axis.name, RIGID_BASE, {}, base_bodies=("motor",), side=side).parameters
     large = sheet is not None and sheet / SAME_UNITS < inertia < sheet * SAME_UNITS
-    most = {"viscous.damping": math.inf if large else MOST_VISCOUS, "coulomb.level": math.inf if large else usual["coulomb.level"].high}
-    wide = {n: replace(usual[n], high=max(usual[n].high, ROOM * values[n])) for n, high in most.items() if values[n] <= high}
+    beyond = {"viscous.damping": 1.0 if sheet else MORE_VISCOUS, "coulomb.level": 1.0}  # of the usual bounds
+    most = {n: math.inf if large else factor * usual[n].high for n, factor in beyond.items()}
+    wide = {n: replace(usual[n], high=min(max(usual[n].high, ROOM * values[n]), high)) for n, high in most.items()}
     try:
         plain = Model(axis.name, RIGID_BASE, {**usual, **wide}, ("motor",), side=side)
         return plain.with_values(values, "data sheet")
-    except UsageError as beyond:
+    except UsageError as outside:
+        state = "; where the units are right, state motor.inertia_kg_m2 of so large a machine in axis.yaml" if side == "motor" else ""
         raise DataError(
-            f"by least squares {beyond}: no axis is so. Torque (current, voltage), angle or time is in another unit than it says, as "
-            "N mm, mA or ms: correct the mapping and import the file again; where the units are right, state motor.inertia_kg_m2 of so "
-            "large a machine in axis.yaml"
-        ) from beyond
+            f"by least squares {outside}: no axis is so. Torque (current, voltage), angle or time is in another unit than it says, as "
+            f"N mm, mA or ms: correct the mapping and import the file again{state}"
+        ) from outside

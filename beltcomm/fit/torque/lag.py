@@ -164,7 +164,7 @@ def _follow_second_order(u: Array, b: Array, a: Array) -> Array:
 
 def _held_second_order(poles: tuple[complex, ...], h: float) -> tuple[Array, Array]:
     """Numerator and denominator in z⁻¹ of p1 p2/((s - p1)(s - p2)) behind a hold over h seconds, at the ends of the holds."""
-    p1, p2 = poles  # slow and fast
+    p1, p2 = poles
     if abs(p1 - p2) < 1e-6 * abs(p1):
         p2 = p1 * (1.0 + 1e-6)
     e1, e2 = np.exp(p1 * h), np.exp(p2 * h)
