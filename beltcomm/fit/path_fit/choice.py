@@ -160,7 +160,7 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
         hidden, trials = [path for path, _ in beyond], sorted([*trials, *beyond], key=lambda trial: _level(trial[1]))
     less_likely = {other.at_end: other.cost - chain.cost} if other is not None else {}
     choice = _best_shape(data, lively, _best(trials, chain, less_likely=less_likely))
-    if choice.fitted is None or not (hidden or choice.fitted.ratio > FAR_OFF):  # with such an effect no filter may be hidden
+    if choice.fitted is None or choice.fitted.ratio <= (GOOD if hidden else FAR_OFF):  # with such an effect no filter may be hidden
         return choice
     others = [path for path in ways if path != choice.path]
     clear = clear_gain(choice.fitted.problem.samples)
