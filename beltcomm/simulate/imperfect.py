@@ -8,7 +8,7 @@ from typing import cast
 
 import numpy as np
 
-from beltcomm.arrays import Array
+from beltcomm.arrays import Array, row_means
 from beltcomm.effects import Effect
 from beltcomm.model import Model
 
@@ -104,50 +104,13 @@ def _values(model: Model, effect: Effect) -> list[float]:
 
 #: Cells of a sampling period in which a torque is given; most numbers of fine steps a sample divide it.
 CELLS = 32
-#: Periods whose spreads are tried as shapes of all, and what they may miss of the largest.
-TRIED, MISSED = 64, 1e-12
 
 
 @dataclass(frozen=True)
 class Intersample:
-    """Torque less its mean over the period, in each of :data:`CELLS` cells, as amounts of a few shapes:  above = amounts shapes.
+    """Torque less its mean over the period, in each of :data:`CELLS` cells, (n, CELLS), N m at the motor; the rows' means are 0."""
 
-    A linear filter behind a held torque has as many shapes as states and levels of its command in a period.
-
-    Attributes
-    ----------
-    amounts : ndarray (n, k), N m at the motor
-    shapes : ndarray (k, CELLS)
-        Of mean 0 each.
-    """
-
-    amounts: Array
-    shapes: Array
-
-    @classmethod
-    def of(cls, above: Array) -> Intersample:
-        """The spread in its cells, by as few shapes as give it but for rounding.
-
-        Parameters
-        ----------
-        above : ndarray (n, CELLS), N m
-            At the motor; the rows' means are 0.
-        """
-        if not len(above) or not np.isfinite(above).all():
-            return cls(above, np.eye(CELLS))
-        rows = above[np.linspace(0, len(above) - 1, min(len(above), TRIED)).astype(np.intp)]
-        _, sizes, shapes = np.linalg.svd(rows, full_matrices=False)
-        shapes = shapes[: int(np.sum(sizes > MISSED * sizes[0]))]
-        if 2 * len(shapes) <= CELLS:
-            amounts = above @ shapes.T
-            if np.abs(amounts @ shapes - above).max() <= MISSED * np.abs(above).max():
-                return cls(amounts, shapes)
-        return cls(above, np.eye(CELLS))
-
-    @property
-    def above(self) -> Array:
-        """The spread in its cells, (n, CELLS), N m at the motor."""
-        return np.asarray(self.amounts @ self.shapes)
+    above: Array
 
     def cells(self, torque: Array, per_sample: int) -> Array:
         """Mean over each of so many cells of a period.
@@ -164,18 +127,21 @@ class Intersample:
         ndarray, N m
             (n per_sample,).
         """
-        edges = np.linspace(0.0, CELLS, per_sample + 1)  # fine steps for a coupling follow its frequency, and may divide cells
-        low = np.minimum(edges.astype(np.intp), CELLS - 1)
-        integral = np.concatenate((np.zeros((len(self.shapes), 1)), np.cumsum(self.shapes, axis=1)), axis=1)
-        means = np.diff(integral[:, low] + (edges - low) * self.shapes[:, low], axis=1) * (per_sample / CELLS)
-        return np.asarray((torque[:, None] + self.amounts @ means).reshape(-1))
+        if CELLS % per_sample == 0:
+            above = row_means(self.above.reshape(len(torque), per_sample, -1)) if per_sample < CELLS else self.above
+        else:  # fine steps for a coupling follow its frequency
+            edges = np.linspace(0.0, CELLS, per_sample + 1)
+            low = np.minimum(edges.astype(np.intp), CELLS - 1)
+            integral = np.concatenate((np.zeros((len(torque), 1)), np.cumsum(self.above, axis=1)), axis=1)
+            above = np.diff(integral[:, low] + (edges - low) * self.above[:, low], axis=1) * (per_sample / CELLS)
+        return np.asarray((torque[:, None] + above).reshape(-1))
 
     def triangular(self) -> Array:
         """By how much the mean with the triangular weight around a sample is higher than of an even spread, (n,), N m, ends 0.
 
         ∫_0^1 u x du of the period before and ∫_0^1 (1-u) x du of that behind a sample, x the spread around its mean.
         """
-        rising = self.amounts @ (self.shapes @ ((np.arange(CELLS) + 0.5) / CELLS**2))
-        more = np.zeros(len(rising))
+        rising = self.above @ ((np.arange(CELLS) + 0.5) / CELLS**2)
+        more = np.zeros(len(self.above))
         more[1:-1] = rising[:-2] - rising[1:-1]
         return more

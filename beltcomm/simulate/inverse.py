@@ -168,12 +168,9 @@ def reconstruct(
 
 def _interpolate(values: Array, substeps: int) -> tuple[Array, Array]:
     """Samples, (n,), and their rate per sample on the fine grid, (fine,) each, by a cubic spline."""
-    # not-a-knot: at rest the load that friction carries bends the rest at its ends
-    pieces = CubicSpline(np.arange(len(values)), values).c.T  # of falling power, from sample to sample
-    u, last = np.arange(substeps) / substeps, pieces[-1]
-    place, rate = np.stack((u**3, u**2, u, np.ones_like(u))), np.stack((3.0 * u**2, 2.0 * u, np.ones_like(u), np.zeros_like(u)))
-    ends = np.sum(last), 3.0 * last[0] + 2.0 * last[1] + last[2]
-    return np.append((pieces @ place).reshape(-1), ends[0]), np.append((pieces @ rate).reshape(-1), ends[1])
+    spline = CubicSpline(np.arange(len(values)), values)  # not-a-knot: at rest the load that friction carries bends the rest at its ends
+    place = np.arange((len(values) - 1) * substeps + 1) / substeps
+    return spline(place), spline(place, 1)
 
 
 def _cells(torque: Array, per_sample: int, within: Intersample | None) -> Array:

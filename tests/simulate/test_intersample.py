@@ -18,7 +18,7 @@ def course(seed: int = 1) -> np.ndarray:
 def spread_of(torque: np.ndarray) -> tuple[np.ndarray, Intersample]:
     cells = torque.reshape(len(torque), CELLS, PARTS).mean(axis=2)
     means = cells.mean(axis=1)
-    return means, Intersample.of(cells - means[:, None])
+    return means, Intersample(cells - means[:, None])
 
 
 @pytest.mark.parametrize("per_sample", [2, 4, 16, CELLS])
@@ -44,7 +44,7 @@ def test_a_torque_that_switches_at_a_share_of_the_period_changes_the_triangle_by
     """φ (1 - φ)/2 of the step more, from the rows before; of two periods with one step in each."""
     share, step = 0.25, np.array([0.4, -0.2, 0.3])
     torque = np.where((np.arange(CELLS) + 0.5) / CELLS < share, 0.0, step[:, None])  # from 0 to the step
-    means, inside = torque.mean(axis=1), Intersample.of(torque - torque.mean(axis=1)[:, None])
+    means, inside = torque.mean(axis=1), Intersample(torque - torque.mean(axis=1)[:, None])
     assert means == pytest.approx((1.0 - share) * step)
     more = 0.5 * share * (1.0 - share) * (step[0] - step[1])
     assert inside.triangular()[1] == pytest.approx(more, abs=1e-12)
@@ -54,24 +54,6 @@ def test_a_torque_that_switches_at_a_share_of_the_period_changes_the_triangle_by
 def test_cells_of_any_number_have_the_same_integral(per_sample: int) -> None:
     course = np.random.default_rng(per_sample).normal(size=(3, CELLS))
     torque = course.mean(axis=1)
-    found = Intersample.of(course - torque[:, None]).cells(torque, per_sample).reshape(3, per_sample)
+    found = Intersample(course - torque[:, None]).cells(torque, per_sample).reshape(3, per_sample)
     fine = np.repeat(course, per_sample, axis=1).reshape(3, per_sample, CELLS).mean(axis=2)
     assert found == pytest.approx(fine, abs=1e-12)
-
-
-@pytest.mark.parametrize("shapes", [1, 4, CELLS])
-def test_a_spread_is_kept_as_few_shapes_and_given_back(shapes: int) -> None:
-    """Of as many rows as a record has, each a mixture of some shapes; where all cells are free it is kept as it is."""
-    random = np.random.default_rng(shapes)
-    above = random.normal(size=(500, shapes)) @ random.normal(size=(shapes, CELLS))
-    above -= above.mean(axis=1)[:, None]
-    inside = Intersample.of(above)
-    assert inside.above == pytest.approx(above, abs=1e-10)
-    assert inside.shapes.shape == (shapes, CELLS)
-
-
-def test_a_shape_that_only_a_few_rows_have_is_not_lost() -> None:
-    above = np.zeros((5000, CELLS))
-    above[:, 0], above[:, 1] = 1.0, -1.0
-    above[4321, 7], above[4321, 8] = 0.5, -0.5
-    assert np.array_equal(Intersample.of(above).above, above)

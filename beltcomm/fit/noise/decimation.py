@@ -88,7 +88,7 @@ def decimate_torque(torque: Array, within: Intersample | None, every: int) -> tu
     cells = torque[:, None] + (np.zeros((1, CELLS)) if within is None else within.above)
     cells = row_means(cells[: number * every].reshape(number, CELLS, every))
     means = row_means(cells)
-    return means, Intersample.of(cells - means[:, None])
+    return means, Intersample(cells - means[:, None])
 
 
 def smallest_step(position: Array) -> float:

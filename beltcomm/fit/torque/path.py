@@ -125,7 +125,7 @@ class TorquePath:
         if self.instantaneous:
             cells = spline_cells(torque, self.reading.late, CELLS)
             means = row_means(cells)
-            return means, Intersample.of(cells - means[:, None])
+            return means, Intersample(cells - means[:, None])
         if self.drive is None or setpoint is None:
             if self.drive is None and self.reading.faithful:
                 return torque, None
@@ -140,7 +140,7 @@ class TorquePath:
             torque = torque + means - self.reading.read(cells, sample_s)
         above = cells - means[:, None]
         held = float(np.abs(above).max()) <= HELD * max(float(np.abs(means).max()), 1e-300)
-        return torque, None if held else Intersample.of(above)
+        return torque, None if held else Intersample(above)
 
     def acting_noise(self, pole: float, sample_s: float) -> NoiseColour:
         """Colour of the noise of the torque that acts, as the reading tells it.
