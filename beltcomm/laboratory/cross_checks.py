@@ -42,10 +42,9 @@ CONFIRMED = 0.9
 LOUDER = 1.5
 #: Error over noise up to which a fitted number is worth comparing with a data sheet, and its relative half interval.
 COMPARABLE, KNOWN_TO = 1.5, 0.1
-#: Largest factor, less 1, by which a sound axis is below and above its data sheets: inertia on the motor's side, with an excited record
-#: and without one; the belt's stiffness, whose sheet states the strands alone.  Teeth, clamps and bearings take 25 to 35 % of it on the
-#: thesis's two rigs, a slack strand half: the limit is that of the rigs, hardly more.
-INERTIA_SHEET, UNEXCITED, STIFFNESS_SHEET = (0.2, 0.2), (0.5, 0.5), (0.6, 0.3)
+#: Relative difference that data sheets may have: of the inertia on the motor's side, of the belt's stiffness (by its strands and the
+#: clamps); and of the inertia where no record is excited.
+INERTIA_SHEET, STIFFNESS_SHEET, UNEXCITED = 0.2, 0.3, 0.5
 #: ln of the quotient of two factors that are one, and of a factor and a known one.
 ONE_FACTOR, KNOWN_FACTOR = 0.3, 0.15
 #: Quotient of two numbers of counts that are one.
@@ -146,20 +145,14 @@ def doubts_of(fitted: Fitted, axis: Axis, recordings: Sequence[Recording]) -> tu
 
 
 def _doubt(
-    model: Model,
-    name: str,
-    entry: str,
-    sheet: float,
-    tolerance: tuple[float, float],
-    ends: tuple[float, float] | None = None,
+    model: Model, name: str, entry: str, sheet: float, tolerance: float, ends: tuple[float, float] | None = None
 ) -> SheetDoubt | None:
-    """A number beside its sheet where that and a tolerance below and above contradict it; of a sheet with two ends, where both do."""
+    """A number beside its sheet where that and a tolerance contradict it; of a sheet with two ends, where both do."""
     item, (low, high) = model.parameters.get(name), ends or (sheet, sheet)
     if item is None or item.interval is None or item.interval > KNOWN_TO * item.value or low <= 0.0:
         return None
     near = min(max(item.value, low), high)
-    lowest, highest = near / (1.0 + tolerance[0]), near * (1.0 + tolerance[1])
-    if lowest <= item.value + item.interval and item.value - item.interval <= highest:
+    if near / (1.0 + tolerance) <= item.value + item.interval and item.value - item.interval <= near * (1.0 + tolerance):
         return None
     return SheetDoubt(entry, item.unit, sheet, item.value, item.interval, item.value / sheet)
 

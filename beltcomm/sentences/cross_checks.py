@@ -147,7 +147,7 @@ _UNITS = {"N/m": (1e-3, "kN/m"), "kg m2": (1e4, "kg cm²")}
 #: What stands behind an entry of the axis file: words, what it usually differs by, and where it holds.
 _SHEETS = {
     "motor.inertia_kg_m2": ("motor-side inertia", "-17 to +20 %", ""),
-    "belt.specific_stiffness_n": ("belt stiffness", "-38 to +30 %", " at the places recorded"),
+    "belt.specific_stiffness_n": ("belt stiffness", "-23 to +30 %", " at the places recorded"),
     "motor.encoder_counts_per_rev": ("steps of the angle", "the same, or a whole share", ""),
 }
 _CHECKS = {
@@ -159,7 +159,7 @@ _CHECKS = {
         "Check in axis.yaml: motor.encoder_counts_per_rev (lines times four; behind a gearbox more), and the unit of the angle.",
     ),
     "belt.specific_stiffness_n": (
-        "A sheet states the strands alone: teeth in mesh, clamps and bearings make a sound belt softer (25 to 35 % on the thesis's rigs).",
+        "Sheets state strands and coupling: teeth in mesh, clamps and bearings make a sound belt softer (5 to 13 % on the thesis's rigs).",
         "Check on the machine: the belt's tension and its clamps.",
         "Check in axis.yaml: belt.specific_stiffness_n, belt.pulley_distance_m, gearbox.ratio, pulley.effective_radius_m.",
         "The radius by hand: turn the motor ten times and measure how far the carriage goes; the stiffness goes with 1/radius².",
