@@ -10,7 +10,6 @@ wide its interval.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from beltcomm.model import BELT_STIFFNESSES, Model
@@ -52,22 +51,16 @@ def interval_ends(model: Model) -> list[IntervalEnd]:
 
 def _moved(model: Model, name: str, sign: float, along: list[str]) -> Model:
     """The model with a parameter at an end of its interval, and those along with it that the fit ties to it."""
-    half = model.parameters[name].interval or 0.0
-    ways = {name: sign * half}
+    half, ties = model.parameters[name].interval or 0.0, {name: 1.0}
     if model.covariance is not None and name in model.covariance.names:
         matrix, at = model.covariance.of(along), along.index(name)
         if matrix[at, at] > 0.0:
-            ways |= {other: sign * half * float(matrix[k, at] / matrix[at, at]) for k, other in enumerate(along) if other != name}
-    share = min(1.0, _share_to_bound(model, name, ways[name]))
-    values = {}
-    for other, way in ways.items():
-        item = model.parameters[other]
-        values[other] = min(max(item.value + share * way, item.low), item.high)
-    return model.with_values(values)
+            ties |= {other: float(matrix[k, at] / matrix[at, at]) for k, other in enumerate(along)}
+    way = _inside(model, name, sign * half) - model[name]
+    return model.with_values({other: _inside(model, other, tie * way) for other, tie in ties.items()})
 
 
-def _share_to_bound(model: Model, name: str, way: float) -> float:
-    """Share of a way after which a parameter meets its bound."""
+def _inside(model: Model, name: str, way: float) -> float:
+    """Value so far away from that of the model, or its bound on that way."""
     item = model.parameters[name]
-    room = item.high - item.value if way > 0.0 else item.value - item.low
-    return room / abs(way) if way and math.isfinite(way) else 1.0
+    return min(max(item.value + way, item.low), item.high)
