@@ -171,7 +171,7 @@ def _first_model(machine: Machine, findings: Findings) -> Model:
             found = final_model(recordings, machine.axis, counts)  # behind a coarse encoder an estimate may leave no sample that counts
         if found.fit.suspect:
             found = with_late_torque(found, recordings, machine.axis, counts)
-        if found.fit.suspect and start is not None:
+        if start is not None:
             found = from_records_alone(found, recordings, machine.axis, counts)
         findings.final = found
         findings.swing = payload_mode_in_first_fit.with_swing(found, recordings, machine.axis, counts) if found.fit.suspect else None

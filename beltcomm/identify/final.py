@@ -15,7 +15,7 @@ from beltcomm.axis.kinds import KINDS
 from beltcomm.effects import effect_named
 from beltcomm.effects.belt_spans import stiffness as stiffness_at
 from beltcomm.errors import DataError
-from beltcomm.fit.model_fit import SUSPECT_MISFIT, ModelFit, fit_model
+from beltcomm.fit.model_fit import FEWEST_SAMPLES, SUSPECT_MISFIT, ModelFit, fit_model
 from beltcomm.fit.residual.encoder_jumps import proven_jumps, refuse
 from beltcomm.fit.residual.segment import Segment, segments
 from beltcomm.fit.residual.whitened import OUTLIER, whitened_residual
@@ -292,9 +292,10 @@ def with_late_torque(found: FinalModel, recordings: Sequence[Recording], axis: A
 
 
 def from_records_alone(found: FinalModel, recordings: Sequence[Recording], axis: Axis, counts_per_rev: int) -> FinalModel:
-    """The fit begun anew from its own records, where that explains them; else the fit as it is.
+    """The fit begun anew from its own records, where it is doubtful as it is and that explains them; else the fit as it is.
 
-    The estimate it began from is kept near the data sheets, which may be far from the machine: the fit can end beside it.
+    The estimate it began from is kept near the data sheets, which may be far from the machine: the fit can end beside it, or where hardly
+    a sample counts.
 
     Parameters
     ----------
@@ -306,8 +307,8 @@ def from_records_alone(found: FinalModel, recordings: Sequence[Recording], axis:
     counts_per_rev : int
         Of the encoder.
     """
-    other = _fitted(recordings, axis, counts_per_rev)
-    return found if other is None or other.fit.suspect else other
+    other = _fitted(recordings, axis, counts_per_rev) if _is_doubtful(found.fit) else None
+    return found if other is None or _is_doubtful(other.fit) else other
 
 
 def begun_best(
@@ -343,10 +344,21 @@ def begun_best(
         if first is None:
             raise
         return final_model(recordings, axis, counts_per_rev, start=first)
-    if first is None or not found.fit.suspect:
+    if first is None or not _is_doubtful(found.fit):
         return found
     other = _fitted(recordings, axis, counts_per_rev, first)
-    return other if other is not None and other.fit.misfit < found.fit.misfit else found
+    if other is None or (_few_values(other.fit) and not _few_values(found.fit)):
+        return found
+    return other if _few_values(found.fit) or other.fit.misfit < found.fit.misfit else found
+
+
+def _is_doubtful(fit: ModelFit) -> bool:
+    """Whether a fit explains its records badly, or hardly a value of them counts."""
+    return fit.suspect or _few_values(fit)
+
+
+def _few_values(fit: ModelFit) -> bool:
+    return fit.samples < FEWEST_SAMPLES * len(fit.free)
 
 
 def _fitted(recordings: Sequence[Recording], axis: Axis, counts_per_rev: int, start: Model | None = None) -> FinalModel | None:
