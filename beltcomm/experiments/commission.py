@@ -5,6 +5,7 @@ Where nobody can write the drive's gains, the loop that a person has set in it c
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import partial
 
@@ -13,7 +14,6 @@ import numpy as np
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.cascade import DesignResult
-from beltcomm.design.design_plant import DesignPlant
 from beltcomm.errors import DataError, NoMotion, Refused, SafetyStop
 from beltcomm.experiments import (
     execute_step,
@@ -48,7 +48,7 @@ from beltcomm.rundata.findings import Apply as Apply
 from beltcomm.rundata.findings import Findings as Findings
 from beltcomm.rundata.findings import Settings as Settings
 from beltcomm.rundata.first_motions import Excited
-from beltcomm.rundata.interval_margins import first_loop_plants, require_over_intervals
+from beltcomm.rundata.interval_margins import KEPT, final_plants, first_loop_over_intervals, over_intervals
 from beltcomm.rundata.proof import SURE_MARGIN_DEG, move_name, proof, thin_margins
 from beltcomm.schedule.record_schedule import TITLES as TITLES
 from beltcomm.schedule.steps import SHORT_S
@@ -264,18 +264,18 @@ def first_cascade(machine: Machine, findings: Findings, model: Model, at_m: floa
     structure = machine.drive.capabilities.structure
     assume_delay(findings, structure)
     seen = at_m, delay(findings), analyse.apparent_damping(findings.thesis)
-    result = analyse.first_loop(model, structure, *seen)
-    require_over_intervals("the first loop", result, model, lambda at_end: first_loop_plants(at_end, *seen), machine.folder)
+    result = first_loop_over_intervals(model, structure, *seen, machine.folder)
     margin = min(m.phase_margin_deg for m in result.margins)
     if findings.swing is not None:
         margin = min(margin, payload_mode_in_first_fit.proven_margin_deg(findings.swing, result.cascade, structure, *seen))
     cascade = analyse.with_feedforward(result.cascade, model, structure, delay(findings))
-    if findings.breakaway is None:
-        return cascade, margin
     # A short record tells friction badly, and more than there is drives a weak loop over its ends.
-    stiffness, inertia, ratio = result.plants[0].stiffness_n_m, analyse.moved_inertia(model), model["transmission.ratio"]
-    sent, most_nm = cascade.feedforward, findings.breakaway.most_friction_nm(stiffness, inertia, ratio)
-    return replace(cascade, feedforward=replace(sent, coulomb_nm=min(sent.coulomb_nm, most_nm))), margin
+    sent, most_nm = cascade.feedforward, math.inf
+    if findings.breakaway is not None:
+        stiffness, inertia, ratio = result.plants[0].stiffness_n_m, result.plants[0].inertia_kg_m2, model["transmission.ratio"]
+        most_nm = findings.breakaway.most_friction_nm(stiffness, inertia, ratio)
+    viscous = min(sent.viscous_nm_s_rad, analyse.sure_viscous(model))
+    return replace(cascade, feedforward=replace(sent, coulomb_nm=min(sent.coulomb_nm, most_nm), viscous_nm_s_rad=viscous)), margin
 
 
 def close_loop(machine: Machine, findings: Findings, model: Model, cascade: Cascade, margin: float, *, ask: bool = False) -> Cascade:
@@ -341,16 +341,11 @@ def _fit_and_design(machine: Machine, findings: Findings, settings: Settings) ->
     findings.standstill = largest(recordings, findings.thesis, model, findings.friction)
     designed, cascade = design_for(machine.axis, model, machine.drive.capabilities.structure, findings, settings)
 
-    def plants(at_end: Model) -> list[DesignPlant]:
-        of_travel, apparent = machine.axis.travel.ends_m, analyse.apparent_damping(findings.thesis)
-        return analyse.plants_with_damping(at_end, of_travel, _masses_kg(at_end, settings), delay(findings), apparent)
-
-    try:
-        require_over_intervals("the final design", designed, model, plants, machine.folder)
-    except Refused as short:
+    plants = final_plants(machine.axis.travel.ends_m, settings.payloads_kg, delay(findings), analyse.apparent_damping(findings.thesis))
+    if short := over_intervals("the final design", designed, model, plants, machine.folder):
         if not findings.own_loop:  # gains that only a person types in are told with what speaks against them
-            raise
-        findings.remarks.append(str(short))
+            raise Refused(f"{short}. {KEPT}")
+        findings.remarks.append(short)
         findings.reservations.append("these gains do not hold over what is known of the axis")
     findings.design, findings.cascade = designed, cascade
     findings.reservations += thin_margins(designed.margins)

@@ -24,7 +24,7 @@ from beltcomm.experiments.stops_out_of_move import leaves_by_m, positioning
 from beltcomm.given import ExcitationKind
 from beltcomm.identify.amplitude import AmplitudeStep, MotionLimits, family_around, largest_amplitude
 from beltcomm.machine import exciting, host_loss, stops
-from beltcomm.machine.creep import creep
+from beltcomm.machine.creep import Crept, creep
 from beltcomm.machine.heat import Thermal
 from beltcomm.machine.machine import Envelope, Machine, stroking
 from beltcomm.model import Model
@@ -142,15 +142,19 @@ def sign_and_scale(machine: Machine) -> Breakaway:
     host_loss.prove(machine)
     begun = machine.drive.clock.now()
     feel_units(machine, limits, 1.0, min(SIGN_REACH_M, high - at))
-    found = {}
-    for sign in (1.0, -1.0):
+
+    def crept(sign: float) -> Crept:
         here = machine.position_m
         left = high - here if sign > 0.0 else here - low
-        crept = creep(machine.drive, machine.axis, limits, sign * SIGN_TRAVEL_M, min(SIGN_REACH_M, left), left_m=left)
-        found[sign] = crept.onset_nm
+        return creep(machine.drive, machine.axis, limits, sign * SIGN_TRAVEL_M, min(SIGN_REACH_M, left), left_m=left)
+
+    first, back = crept(1.0), crept(-1.0)
+    found = Breakaway(first.onset_nm, back.onset_nm, first.slope_nm_s)
+    if found.holding_nm:  # or the belt, which the first way left stretched, helped the second: now it helps the first way, too
+        found = replace(found, backward_nm=back.onset_nm + first.onset_nm - crept(1.0).onset_nm)
     machine.machine_seconds += machine.drive.clock.now() - begun
-    machine.folder.journal(f"breakaway {found[1.0]:.3f} N m forward, {found[-1.0]:.3f} N m backward")
-    return Breakaway(found[1.0], found[-1.0], crept.slope_nm_s)
+    machine.folder.journal(f"breakaway {found.forward_nm:.3f} N m forward, {found.backward_nm:.3f} N m backward")
+    return found
 
 
 def feel_units(machine: Machine, limits: Limits, sign: float, left_m: float) -> None:

@@ -19,6 +19,8 @@ from session.drawn_axis import commissioned
         441,  # wandered out of its first excitation
         446,  # soft belt: its breakaway told half of its friction, and a weak loop did not move it
         552,  # an antiresonance at 3 Hz: its periods did not fit into the seconds of a response
+        902,  # 10:1, and a carriage of which the motor felt only the belt: 10 t, and a response too long to be made
+        931,  # a belt as soft as its friction: the first loop got a fifth of the friction and lost the carriage
         210,  # its strokes did not fit into its travel, then it left that with a weak first loop
     ],
 )
