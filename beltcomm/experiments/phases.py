@@ -150,8 +150,9 @@ def sign_and_scale(machine: Machine) -> Breakaway:
 
     first, back = crept(1.0), crept(-1.0)
     found = Breakaway(first.onset_nm, back.onset_nm, first.slope_nm_s)
-    if found.holding_nm:  # or the belt, which the first way left stretched, helped the second: now it helps the first way, too
-        found = replace(found, backward_nm=back.onset_nm + first.onset_nm - crept(1.0).onset_nm)
+    if found.holding_nm:  # or the belt, which the first way left stretched, helped the second: a weight shows when it helps the first, too
+        apart = sorted((0.0, first.onset_nm - back.onset_nm, crept(1.0).onset_nm - back.onset_nm))[1]
+        found = replace(found, backward_nm=first.onset_nm - apart)
     machine.machine_seconds += machine.drive.clock.now() - begun
     machine.folder.journal(f"breakaway {found.forward_nm:.3f} N m forward, {found.backward_nm:.3f} N m backward")
     return found

@@ -222,14 +222,14 @@ def test_a_first_response_that_wanders_is_made_again_with_less_torque(
     monkeypatch.setattr(phases, "motion_limits", lambda *_: None)
     monkeypatch.setattr(phases, "total_friction", lambda _model: friction_nm)
     monkeypatch.setattr(phases.analyse, "characteristic_hz", lambda *_: (40.0, 90.0))
-    findings: Any = SimpleNamespace(remarks=[], excited=None, breakaway=Breakaway(0.05, 0.05))
     excited = Excited(AmplitudeStep(0.5, Prediction(0.0, 0.0, 0.0, 0.0), "belt force"), (), load_plant("g_b").model, 0.4)
+    findings: Any = SimpleNamespace(remarks=[], excited=excited, breakaway=Breakaway(0.05, 0.05))
     machine: Any = Standing(*[0.27] * 20)
     machine.drive.capabilities = SimpleNamespace(sample_period_s=1e-3)
     machine.excitation, machine.axis, machine.wanderings = "prbs", SimpleNamespace(torque_limit_nm=2.0), before
     ends = reason != "position" or before + stops >= recentre.MOST_STOPS
     with pytest.raises(SafetyStop) if ends else nullcontext():
-        commission._first_response(machine, findings, excited, 5.0)
+        commission._first_response(machine, findings, "frf_1", 5.0)
     assert made == amplitudes_nm
     assert len(findings.remarks) == len(amplitudes_nm) - 1
     if findings.remarks:
