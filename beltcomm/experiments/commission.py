@@ -15,7 +15,7 @@ import numpy as np
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.cascade import DesignResult
-from beltcomm.errors import DataError, NoMotion, Refused, SafetyStop
+from beltcomm.errors import DamagedRecord, DataError, NoMotion, Refused, SafetyStop
 from beltcomm.experiments import (
     execute_step,
     gain_steps,
@@ -100,7 +100,7 @@ def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) 
     try:
         model = _first_model(machine, findings)
     except DataError as few:
-        if may_not_excite(machine):
+        if isinstance(few, DamagedRecord) or may_not_excite(machine):
             raise
         findings.remarks.append(f"frf_1 alone does not do, another response is made beside it: {few}")
         _first_response(machine, findings, "frf_1_more", execute_step.RESPONSE_S)
@@ -198,7 +198,9 @@ def _begun_anew(machine: Machine, recordings: Sequence[Recording]) -> FinalModel
         return final_model(recordings, machine.axis, machine.drive.capabilities.counts_per_rev)
     except DataError as few:
         coarse = sampling_limits.coarse_words(machine.axis, machine.drive.capabilities, recordings[-1])
-        raise DataError(f"{few}. {coarse}" if coarse else str(few)) from None
+        if isinstance(few, DamagedRecord) or not coarse:
+            raise
+        raise DataError(f"{few}. {coarse}") from None
 
 
 def _friction_words(axis: Axis, torque_nm: float) -> str:
