@@ -19,6 +19,7 @@ from beltcomm.axis import Axis
 from beltcomm.errors import Refused
 from beltcomm.model import BELT_STIFFNESSES, Model
 from beltcomm.model.linear import fastest_rate, operating_point
+from beltcomm.model.transfer import two_mass
 from beltcomm.recording import Recording
 from beltcomm.simulate.forward import Simulated, integrate_torque
 from beltcomm.simulate.stopping import (
@@ -52,6 +53,8 @@ DIES = "travel if the computer dies"
 RULED_OUT = 2.0
 #: A carriage that goes less far than this share of what its motor does stands: the motor only stretches the belt.
 STOOD_SHARE = 0.1
+#: Swings on its belt by which a record shows the mass of a carriage.
+FEWEST_SWINGS = 4.0
 #: Steps of the search: the amplitude is found to 1 part in 2^12.
 _BISECTIONS = 12
 
@@ -254,6 +257,8 @@ def not_ruled_out(family: Sequence[Model], recording: Recording, ratio: float, p
 def carriage_stood(model: Model, recording: Recording, position_m: float) -> bool:
     """True if by its estimate a record shows a motor that moved against the belt alone: of a carriage that friction held it tells no mass.
 
+    That stands, or passes for one that is so heavy that it hardly swings on its belt while the record lasts.
+
     Parameters
     ----------
     model : Model
@@ -263,6 +268,10 @@ def carriage_stood(model: Model, recording: Recording, position_m: float) -> boo
     position_m : float, m
         Carriage on the axis.
     """
+    if model.rigid:
+        return False
+    if two_mass(model, operating_point(model, position_m, 1.0)).antiresonance_hz * recording.duration_s < FEWEST_SWINGS:
+        return True
     gone = _driven_by(model, recording, position_m)
     went, motor = float(np.ptp(recording.position)), float(np.ptp(gone.position_rad))
     return motor > went / RULED_OUT and float(np.ptp(gone.cart_position_m)) < STOOD_SHARE * model["transmission.ratio"] * motor

@@ -243,3 +243,4 @@ def test_a_carriage_that_its_friction_held_is_told(rig: str, share: float, *, st
     breakaway_nm = model["coulomb.level"] + model["transmission.ratio"] * model["cart_friction.level"]
     record = Recorder(7).record(plant, lambda n, _angle: share * breakaway_nm * UNIT[n], len(UNIT), Sidecar("frf"))
     assert carriage_stood(model, record, AT_M) is stood
+    assert carriage_stood(model.with_values({"cart.mass": 9987.0}), record, AT_M), "what a held carriage passes for"
