@@ -31,7 +31,7 @@ from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar
 from beltcomm.rundata import analyse
-from beltcomm.rundata.first_motions import Breakaway
+from beltcomm.rundata.first_motions import MOVED_M, Breakaway
 from beltcomm.schedule.orders import SWEEP_LONGEST_S, SWEEP_SHORTEST_S, fastest_stroke_m_s, sweep_strokes
 from beltcomm.schedule.sequences import HARDLY, calmer_choice, excitation_travel_m, held_choice
 from beltcomm.simulate.stopping import total_friction
@@ -42,6 +42,9 @@ M = TypeVar("M", Trajectory, Strokes)
 #: m; how far the carriage goes in the sign check, and with the way of its stop.
 SIGN_TRAVEL_M = 2e-3
 SIGN_REACH_M = 1e-2
+
+#: Counts of an encoder by which two ways of breaking away are compared, at most this share of the way that counts as moving.
+FINE = 0.25
 
 #: m, room kept to the ends of the travel.
 END_MARGIN_M = 5e-3
@@ -150,7 +153,9 @@ def sign_and_scale(machine: Machine) -> Breakaway:
 
     first, back = crept(1.0), crept(-1.0)
     found = Breakaway(first.onset_nm, back.onset_nm, first.slope_nm_s)
-    if found.holding_nm:  # or the belt, which the first way left stretched, helped the second: a weight shows when it helps the first, too
+    count_m = math.tau * machine.ratio / machine.drive.capabilities.counts_per_rev
+    # Or the belt, which the first way left stretched, helped the second: a weight shows when it helps the first, too.
+    if found.holding_nm and count_m < FINE * MOVED_M:
         apart = sorted((0.0, first.onset_nm - back.onset_nm, crept(1.0).onset_nm - back.onset_nm))[1]
         found = replace(found, backward_nm=first.onset_nm - apart)
     machine.machine_seconds += machine.drive.clock.now() - begun

@@ -27,6 +27,7 @@ from truth.drawn_axes import draw_axis
         552,  # an antiresonance at 3 Hz: its periods did not fit into the seconds of a response
         902,  # 10:1, and a carriage of which the motor felt only the belt: 10 t, and a response too long to be made
         931,  # a belt as soft as its friction: the first loop got a fifth of the friction and lost the carriage
+        947,  # 10:1 again: barely broken away, a carriage of 3.8 t
         210,  # its strokes did not fit into its travel, then it left that with a weak first loop
     ],
 )
