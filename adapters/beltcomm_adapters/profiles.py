@@ -253,17 +253,9 @@ def load_profile(name: str) -> Profile:
 
 
 def _completed(raw: Mapping[str, Any]) -> dict[str, Any]:
-    """A file of a user's own with the entries of the shipped profile that it is ``like``; chosen by name only.
+    """Each entry of a user's own file with its source, completed by the shipped profile that it is ``like``; chosen by name only.
 
-    Returns
-    -------
-    dict of str to Any
-        Each entry with its source.
-
-    Raises
-    ------
-    UsageError
-        When no shipped profile has that name.
+    Raises UsageError when no shipped profile has that name.
     """
     like = str(raw.get("like", LIKE))
     base = read_yaml(find_config("drives", like)) if like in config_names("drives") else None

@@ -96,18 +96,7 @@ class LoopModel:
 
 
 def _in_loop(model: Model) -> Model:
-    """The model without the effects that move no pole.
-
-    Parameters
-    ----------
-    model : Model
-        With any effects.
-
-    Returns
-    -------
-    Model
-        Those of its base stay.
-    """
+    """The model without the effects that move no pole; those of its base stay."""
     for effect in model.effect_list():
         outside = effect.slot in OUTSIDE_THE_LOOP or effect.slot == "force"
         if outside and effect.name not in BASE and effect.name in model.effects:

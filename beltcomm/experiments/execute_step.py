@@ -99,13 +99,7 @@ def make(machine: Machine, loop: Closed, step: Step, name: str, loudest_nm: floa
 
 
 def _respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: float, share: float) -> None:
-    """A frequency response at a place of its own.
-
-    Parameters
-    ----------
-    share : float
-        Of its torque; below 1 after a carriage that went too far.
-    """
+    """A frequency response at a place of its own, with ``share`` of its torque: below 1 after a carriage that went too far."""
     phases.move_to(machine, step.at_m(machine.envelope().window_m), model)
     model = _at_place(machine, model)
     if machine.folder.finished(SWEEP) is not None and machine.stroking() == "position":

@@ -266,12 +266,7 @@ def _creep(machine: Machine) -> Recording:
 def _half_sums(recording: Recording, ratio: float) -> tuple[HoldingTorque, float]:
     """Holding torque by half sums, and half differences, N m, of the strokes at constant speed.
 
-    τ_g = (τ_up + τ_down)/2  of each pair over the same way; their scatter gives the interval.
-
-    Raises
-    ------
-    DataError
-        Without two pairs.
+    τ_g = (τ_up + τ_down)/2  of each pair over the same way; their scatter gives the interval. Raises DataError without two pairs.
     """
     speed = recording.reference_velocity
     if speed is None:

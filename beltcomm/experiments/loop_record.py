@@ -164,12 +164,7 @@ class MovingWatch:
         self.fastest_m_s = SURPRISE * predicted.speed_m_s
 
     def __call__(self, row: Row) -> None:
-        """One row as the drive gives it.
-
-        Raises
-        ------
-        SafetyStop
-        """
+        """One row as the drive gives it; raises SafetyStop."""
         place = min(round(row[0] / self.period_s), len(self.base_m) - 1)
         off = abs(self.ratio * (row[3] - self.zero_rad) - self.base_m[place])
         speed = abs(self.ratio * row[4])

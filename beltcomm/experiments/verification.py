@@ -116,10 +116,7 @@ def _kept_inside(machine: Machine, model: Model, cascade: Cascade, delay_s: floa
     """The standard move, slowed down until the belt keeps its limits and the carriage its travel with this controller: as it swings, in a
     stop, and when the host is lost.
 
-    Raises
-    ------
-    Refused
-        As :func:`standard_move`.
+    Raises Refused as :func:`standard_move`.
     """
     standard, share, why = standard_move(machine, model), 1.0, ""
     for _ in range(BELT_TRIES):

@@ -309,13 +309,7 @@ def problem_of(data: Data, model: Model, fixed: Sequence[str] = (), block_s: flo
 
 
 def _held_out_residual(piece: Segment, model: Model) -> Array:
-    """Whitened residual of a held-out segment; only where its carriage stuck at the start is fitted to it.
-
-    Returns
-    -------
-    ndarray, (m,)
-        In units of its noise.
-    """
+    """Whitened residual of a held-out segment, (m,); only where its carriage stuck at the start is fitted to it."""
     vector, piece = model.vector(), with_observer(piece, model)
     here = whitened_residual(piece, model, vector)
     if "cart" not in model.base_bodies or piece.observer is not None:
@@ -330,19 +324,7 @@ def _held_out_residual(piece: Segment, model: Model) -> Array:
 
 
 def _held_out_objective(data: Data, residuals: Sequence[Array]) -> float:
-    """Robust objective O of the records held out.
-
-    Parameters
-    ----------
-    data : Data
-    residuals : sequence of ndarray, (m,)
-        Whitened, of each segment held out.
-
-    Returns
-    -------
-    float
-        -2 ln likelihood; 0 without any.
-    """
+    """Robust objective O of the records held out, -2 ln likelihood, by the whitened residual of each segment, (m,); 0 without any."""
     if not residuals:
         return 0.0
     blocks = time_blocks(data.held_out, BLOCK_S)

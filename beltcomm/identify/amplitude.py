@@ -259,16 +259,9 @@ def _predict(
     braking: Callable[[Model], Braking] = _no_stop,
     losses: Callable[[Model], Sequence[HostLoss]] = _no_loss,
 ) -> Prediction:
-    """Worst case of one record over a family of models, starting at rest at ``position_m``.
+    """Worst case of one record over a family of models, starting at rest at ``position_m``, each torque held for ``sample_s``.
 
-    Parameters
-    ----------
-    torque : ndarray (n,), N m at the motor shaft
-        Held for ``sample_s`` each.
-    braking : callable
-        What stops each of the models.
-    losses : callable
-        What the death of the host means for each of them, in the ways in which the drive may be made to take it.
+    ``braking`` is what stops each of the models, ``losses`` what the death of the host means for each in the ways the drive may take it.
     """
     peak = float(np.max(np.abs(torque)))
     ways: list[tuple[float, ...]] = []

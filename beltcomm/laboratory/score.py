@@ -50,12 +50,8 @@ def _powers_of(number: int) -> Array:
 
 
 def _load_means(piece: Segment, powers: Array, orders: int) -> Iterator[tuple[Array, Array]]:
-    """Triangular means of sin(N θ) and cos(N θ) for the next so many orders N; (n,) each, ends 0.
-
-    Parameters
-    ----------
-    powers : ndarray (2, fine)
-        Of the last one.
+    """Triangular means of sin(N θ) and cos(N θ) for the next so many orders N, (n,) each, ends 0; ``powers``, (2, fine), are those of the
+    last one.
     """
     theta, m = piece.motion.theta, piece.motion.substeps
     sine, cosine = np.sin(theta), np.cos(theta)
@@ -66,12 +62,7 @@ def _load_means(piece: Segment, powers: Array, orders: int) -> Iterator[tuple[Ar
 
 
 def _gain_means(piece: Segment, powers: Array, orders: int) -> Iterator[tuple[Array, Array]]:
-    """Triangular means of torque sin(N θ) and torque cos(N θ), the torque held from sample n to n+1.
-
-    Parameters
-    ----------
-    powers : ndarray (2, fine - 1)
-    """
+    """Triangular means of torque sin(N θ) and torque cos(N θ), the torque held from sample n to n+1."""
     theta, m = piece.motion.theta, piece.motion.substeps
     middle = 0.5 * (theta[:-1] + theta[1:])
     sine, cosine = np.sin(middle), np.cos(middle)

@@ -210,12 +210,6 @@ def _margin(run: Gathered) -> Fact:
 
 
 def _next_steps(run: Gathered, called: str = "") -> list[str]:
-    """The command that helps most.
-
-    Parameters
-    ----------
-    called : str
-        The run's folder as a terminal takes it; on a page, :attr:`Gathered.place`.
-    """
+    """The command that helps most; ``called``: the run's folder as a terminal takes it, on a page :attr:`Gathered.place`."""
     found = next_command(run.folder, headline_of(run.folder), called=called or run.place)
     return [f"{found.command}: {found.why}"]

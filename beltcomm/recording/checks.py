@@ -242,18 +242,7 @@ def backwards(t_s: Array, torque: Array, position: Array) -> bool:
 
 
 def _livelier(t_s: Array, torque: Array, position: Array) -> tuple[Array, Array, Array]:
-    """Of a long record the rows in a row that move most: enough to judge it, and it need not be in memory several times.
-
-    Parameters
-    ----------
-    t_s, torque, position : ndarray, (n,)
-        s, and any units.
-
-    Returns
-    -------
-    tuple of ndarray
-        ``MOST_JUDGED`` rows of each; all where there are no more.
-    """
+    """Of a long record the ``MOST_JUDGED`` rows in a row that move most: enough to judge it, and it need not be in memory several times."""
     if len(t_s) <= MOST_JUDGED:
         return t_s, torque, position
     begins = range(0, len(t_s) - MOST_JUDGED + 1, MOST_JUDGED)
@@ -286,17 +275,7 @@ def slow_work_share(t_s: Array, torque: Array, position: Array) -> float:
 def _work_share(torque: Array, position: Array) -> float:
     """Work of the torque on the motion, over all that it does back and forth, -1 to 1, but for a constant torque's.
 
-    Friction takes it up, so it is positive in whatever drives; a spring's or a mass's is given back.
-
-    Parameters
-    ----------
-    torque, position : ndarray, (n,)
-        Any units.
-
-    Returns
-    -------
-    float
-        0 for a motion that takes no work at all.
+    Friction takes it up, so it is positive in whatever drives; a spring's or a mass's is given back.   0 for a motion that takes none.
     """
     steps = np.diff(position)
     work = 0.5 * (torque[1:] + torque[:-1] - 2.0 * torque.mean()) * steps

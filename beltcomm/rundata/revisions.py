@@ -125,13 +125,7 @@ def band_of_rungs(rungs: Sequence[Revision]) -> float:
 
 
 def _in_one_band(rungs: Sequence[Revision]) -> list[Revision]:
-    """Rungs whose errors in plain units are all up to one frequency, so that they can be held against each other.
-
-    Parameters
-    ----------
-    rungs : sequence of Revision
-        Of one run.
-    """
+    """Rungs whose errors in plain units are all up to one frequency, so that they can be held against each other."""
     band = band_of_rungs(rungs)
     told = [rung.up_to(band) for rung in rungs]
     return [

@@ -383,17 +383,9 @@ def _predict_stop(
 ) -> Stop:
     """A quick stop by the drive's own velocity loop, on the model.
 
-    The ramp begins at the measured speed and has no feedforward of its acceleration.
-
-    Parameters
-    ----------
-    acceleration_m_s2 : float
-        Out of which it comes.  The axis has reached it with a jerk of a/``RISE_S`` from constant speed, or what such a jerk makes of it
-        from rest; the torque for it, J a/i_t, ends with the stop.
-    position_m : float
-        Where the carriage sets out.
-    delay_s : float
-        Torque setpoint to acting torque.
+    The ramp begins at the measured speed and has no feedforward of its acceleration.   The axis has reached an ``acceleration_m_s2``, out
+    of which it comes, with a jerk of a/``RISE_S`` from constant speed, or what such a jerk makes of it from rest; the torque for it,
+    J a/i_t, ends with the stop.   ``delay_s`` is from torque setpoint to acting torque.
     """
     ratio, way = model["transmission.ratio"], math.copysign(1.0, speed_m_s)
     jerk, top = acceleration_m_s2 / RISE_S, abs(speed_m_s)

@@ -302,13 +302,7 @@ def _differs(line: Line, asked: Study) -> str:
 
 
 def _read_members(path: Path) -> list[Line]:
-    """The lines of a file of members, but for one that is half written.
-
-    Raises
-    ------
-    DataError
-        For a damaged line.
-    """
+    """The lines of a file of members, but for one that is half written; raises DataError for a damaged line."""
     if not path.is_file():
         return []
     data, lines = read_bytes(path, MEASURED_BYTES), []

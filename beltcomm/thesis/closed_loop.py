@@ -256,10 +256,7 @@ def _limits(ratio: float) -> Limits:
 def _saturated_move(model: Model, cascade: Cascade, most_nm: float, windup: bool) -> Limited:
     """T_B with the torque cut off, simulated.
 
-    Parameters
-    ----------
-    windup : bool
-        The controller does not know the limit, so that its integrator goes on (6.25); else it is set to meet the limit (6.26).
+    ``windup``: the controller does not know the limit, so that its integrator goes on (6.25); else it is set to meet the limit (6.26).
     """
     path = _with_rests(plan_trajectory(FROM_M, TO_M, T_B, PERIOD_S))
     structure = CascadeStructure("simulated", PERIOD_S)

@@ -157,13 +157,7 @@ _STATUS_BITS = {
 
 
 def _decode(controlword: int) -> Command:
-    """The command in the bits 3 to 0 (a fault reset is an edge and not decoded here).
-
-    Parameters
-    ----------
-    controlword : int
-        6040h.
-    """
+    """The command in the bits 3 to 0 of 6040h (a fault reset is an edge and not decoded here)."""
     if not controlword & 0x02:
         return Command.DISABLE_VOLTAGE
     if not controlword & 0x04:

@@ -241,13 +241,7 @@ class TorqueReading:
 
 
 def _mean_torque(pieces: Iterable[tuple[float, float]]) -> float:
-    """Mean over the tick, N m:  Σ torque · share.
-
-    Parameters
-    ----------
-    pieces : iterable of tuple of float
-        Torque, N m, and its share of the tick.
-    """
+    """Mean over the tick, N m:  Σ torque · share, for pieces of torque, N m, and share of the tick."""
     total = 0.0
     for torque_nm, share in pieces:
         total += share * torque_nm

@@ -154,13 +154,7 @@ class Judge:
         return replace(seen, fitted=tuple(replace(piece, own_noise=own or piece.own_noise) for piece in seen.fitted))
 
     def _fitted_to(self, moves: Sequence[Recording], kind: tuple[int, ...] = ()) -> Fitted:
-        """The run's model with what ages fitted to moves: from where the last ones left it; where that is astray, from elsewhere, too.
-
-        Parameters
-        ----------
-        kind : tuple of int
-            See ``_kind``.
-        """
+        """The run's model with what ages fitted to moves: from where the last ones left it; where that is astray, from elsewhere, too."""
 
         def best_of(*fits: Fitted) -> Fitted:
             return min(fits, key=lambda one: (not self._plausible(one), one.ratio))

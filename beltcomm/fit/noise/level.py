@@ -196,15 +196,7 @@ def robust_rms(rest: Array, step_nm: float = 0.0) -> float:
 def _noise_untold(recordings: Sequence[Recording]) -> str:
     """Reason in words why records over time do not tell the torque's noise, with what to do; "" where they do.
 
-    Parameters
-    ----------
-    recordings : sequence of Recording
-        Those held out and static maps do not count.
-
-    Returns
-    -------
-    str
-        A sentence, or "".
+    Records held out and static maps do not count.
     """
     to_fit = [r for r in recordings if not (r.sidecar.held_out or r.is_static_map)]
     if not to_fit or _level(to_fit).told:

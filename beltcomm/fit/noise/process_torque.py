@@ -136,17 +136,7 @@ def with_unread(answer: Array, poles: Sequence[complex], sensor_pole: float, pro
 
 
 def _spectral_factor(power: Array) -> Array:
-    """b with  b(z) b(1/z) = power,  its zeros inside the unit circle.
-
-    Parameters
-    ----------
-    power : ndarray (2 k + 1,)
-        Symmetric, and positive on the unit circle.
-
-    Returns
-    -------
-    ndarray (k + 1,)
-    """
+    """b, (k + 1,), with  b(z) b(1/z) = power,  its zeros inside the unit circle; ``power``, (2 k + 1,), is positive on it."""
     least = 1e-12 * float(np.abs(power).max())
     edge = int(np.flatnonzero(np.abs(power) > least)[0])
     power = power[edge : len(power) - edge]

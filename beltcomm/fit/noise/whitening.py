@@ -205,16 +205,9 @@ def noises(
 
 
 def _with_coloured_torque(path: NoisePath, colour: float) -> NoisePath:
-    """Noise path for a torque noise of first order.
+    """Noise path for a torque noise of first order with ``colour`` ρ.
 
     w[n] = ρ w[n-1] + √(1-ρ²) ν[n]:  one more state w[n-1] in front, noises (…, ν).
-
-    Parameters
-    ----------
-    path : NoisePath
-        For a white one.
-    colour : float
-        ρ.
     """
     new, size, last = math.sqrt(1.0 - colour**2), len(path.H), path.G.shape[1] - 1
     f, g = np.zeros((size + 1, size + 1)), np.zeros((size + 1, path.G.shape[1]))
@@ -227,13 +220,7 @@ def _with_coloured_torque(path: NoisePath, colour: float) -> NoisePath:
 
 
 def _with_filtered_torque(path: NoisePath, colour: NoiseColour) -> tuple[NoisePath, Array]:
-    """Noise path for a torque noise behind a law b(z)/a(z): its states in front, noises (…, ν).
-
-    Returns
-    -------
-    tuple of NoisePath and ndarray
-        The path, and the covariance of the states in front.
-    """
+    """Noise path for a torque noise behind a law b(z)/a(z), with its states in front, noises (…, ν); and the covariance of those states."""
     own_f, own_g, covariance = filter_states(colour)
     size, own, last = len(path.H), len(own_g), path.G.shape[1] - 1
     f, g = np.zeros((size + own, size + own)), np.zeros((size + own, last + 1))

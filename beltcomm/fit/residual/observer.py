@@ -174,33 +174,14 @@ def needs_observer(model: Model) -> bool:
 
 
 def _load_beyond_motor(model: Model, motion: FineMotion, torque: Array, vector: Array) -> Array:
-    """Load that the torque leaves for everything beyond the motor, N m, (n,).
-
-    Parameters
-    ----------
-    motion : FineMotion
-        True.
-    """
+    """Load that the torque leaves for everything beyond the motor in its true motion, N m, (n,)."""
     left = acting_torque(model, motion, torque, vector) - motor_load(model, motion, vector)
     left[1:-1] -= vector[model.index("motor.inertia")] * np.diff(motion.theta[:: motion.substeps], 2) / motion.sample_s**2
     return left
 
 
 def _settling_samples(keep: BoolArray, sample_s: float) -> BoolArray:
-    """Samples that do not count, behind so many of them that the carriage may be anywhere in its gap when the next one does; (n,).
-
-    Parameters
-    ----------
-    keep : ndarray, (n,) of bool
-        Samples that count.
-    sample_s : float, s
-        Sample period.
-
-    Returns
-    -------
-    ndarray, (n,) of bool
-        The last one of each such span.
-    """
+    """Last samples of spans so long without one that counts that the carriage may be anywhere in its gap when the next one does; (n,)."""
     number = np.arange(len(keep))
     since = number - np.maximum.accumulate(np.where(keep, number, -1))
     ends: BoolArray = ~keep & np.append(keep[1:], False)
@@ -208,23 +189,9 @@ def _settling_samples(keep: BoolArray, sample_s: float) -> BoolArray:
 
 
 def _stiffest(model: Model, low_m: float, high_m: float, places_m: Array) -> tuple[float, Array]:
-    """Place of a way where the carriage is held stiffest, and the stiffness elsewhere over the one there.
+    """Place of a way where the carriage is held stiffest, m, and the stiffness at ``places_m`` over the one there, (n,).
 
     A filter whose gains are worked out for a belt less than half as stiff as it is overshoots and flies off.
-
-    Parameters
-    ----------
-    model : Model
-        With a belt.
-    low_m, high_m : float, m
-        Ends of the way.
-    places_m : ndarray, (n,)
-        At which the stiffness is asked.
-
-    Returns
-    -------
-    tuple of float and ndarray (n,)
-        m, and shares up to 1.
     """
     at, logarithms = stiffness_levels(model, low_m, high_m)
     return float(at[np.argmax(logarithms)]), np.exp(np.interp(places_m, at, logarithms) - logarithms.max())

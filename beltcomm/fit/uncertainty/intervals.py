@@ -419,15 +419,7 @@ def with_intervals(fitted: Fitted) -> Model:
 
 
 def _noise_information(problem: Problem, x: Array, weights: Array) -> Array:
-    """Expected sum of squares of the module, (p, p), in nats per scaled unknown squared.
-
-    Parameters
-    ----------
-    x : ndarray
-        Scaled unknowns, p of them shared by all segments.
-    weights : ndarray
-        Of the values of the whitened residual, (n,).
-    """
+    """Expected sum of squares of the module, (p, p), in nats per scaled unknown squared; ``x`` are p unknowns that all segments share."""
     own = len(problem.free)
     found = np.zeros((own, own))
     moved = [j for j in range(own) if problem.touches_noise[j]]

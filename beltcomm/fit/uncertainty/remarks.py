@@ -23,16 +23,6 @@ def _upper_limit(estimate: float, deviation: float) -> float:
     """Upper 95 % limit of a quantity that cannot be negative, seen as estimate ± deviation (normal, cut off at 0).
 
     Φ((estimate - limit)/deviation) = 0.05 Φ(estimate/deviation)
-
-    Parameters
-    ----------
-    estimate, deviation : float
-        In one unit.
-
-    Returns
-    -------
-    float
-        In their unit.
     """
     return float(estimate - deviation * ndtri_exp(math.log(0.05) + log_ndtr(estimate / deviation)))
 
