@@ -51,10 +51,6 @@ def within_kernels(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
     Without the two ways in for others a short law takes half the time to compile.
 
-    Parameters
-    ----------
-    function : callable
-
     Returns
     -------
     callable

@@ -109,10 +109,6 @@ class Parameters:
     def read(self, names: Iterable[str]) -> dict[str, float]:
         """Values as they stand in the drive.
 
-        Parameters
-        ----------
-        names : iterable of str
-
         Raises
         ------
         UsageError
@@ -191,10 +187,6 @@ class Parameters:
 
     def write_objects(self, values: Sequence[ObjectValue]) -> None:
         """Write raw values, read back, compare; all or none.  What is lent will be given back so.
-
-        Parameters
-        ----------
-        values : sequence of ObjectValue
 
         Raises
         ------

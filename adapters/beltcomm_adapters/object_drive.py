@@ -62,10 +62,6 @@ class ObjectDrive:
     def read(self, names: Sequence[str]) -> dict[str, float]:
         """Read parameters by name; ``state`` is a :class:`beltcomm_adapters.cia402.State`.
 
-        Parameters
-        ----------
-        names : sequence of str
-
         Returns
         -------
         dict of str to float
@@ -118,12 +114,7 @@ class ObjectDrive:
         return self._parameters.read_objects(places)
 
     def write_objects(self, values: Sequence[ObjectValue]) -> None:
-        """Write raw objects; the stage is taken off first.
-
-        Parameters
-        ----------
-        values : sequence of ObjectValue
-        """
+        """Write raw objects; the stage is taken off first."""
         self._machine.disable()
         self._parameters.write_objects(values)
 

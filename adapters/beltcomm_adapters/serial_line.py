@@ -57,10 +57,6 @@ class Port(Protocol):
     def write(self, data: bytes) -> None:
         """Send.
 
-        Parameters
-        ----------
-        data : bytes
-
         Raises
         ------
         OSError
@@ -164,10 +160,6 @@ class SerialLine:
     def seconds(self, characters: int) -> float:
         """Time that characters take on the line.
 
-        Parameters
-        ----------
-        characters : int
-
         Returns
         -------
         float, s
@@ -216,10 +208,6 @@ class SerialLine:
 
     def settle(self, quiet_s: float = QUIET_TIME_S) -> None:
         """Drop what comes until nothing has come for a while: late answers, boot text.
-
-        Parameters
-        ----------
-        quiet_s : float
 
         Raises
         ------
@@ -274,10 +262,6 @@ class SerialLine:
     def tell(self, text: str) -> None:
         """Send what has no answer, and wait until it is out.
 
-        Parameters
-        ----------
-        text : str
-
         Raises
         ------
         BusError
@@ -288,10 +272,6 @@ class SerialLine:
 
     def pump(self, timeout_s: float) -> bool:
         """Wait: nothing comes unasked.
-
-        Parameters
-        ----------
-        timeout_s : float
 
         Returns
         -------

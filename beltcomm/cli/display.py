@@ -151,12 +151,7 @@ class Display:
         self._pace.begin()
 
     def moving(self, place: CarriagePosition) -> None:
-        """Show the carriage's place; the largest load of a record stays in sight.
-
-        Parameters
-        ----------
-        place : CarriagePosition
-        """
+        """Show the carriage's place; the largest load of a record stays in sight."""
         if self.place is None or self.place.record != place.record:
             self._peaks.clear()
         for gauge in place.gauges:

@@ -223,10 +223,6 @@ class Invocation:
     def show(self, result: CommandResult) -> int:
         """Print a result, as one JSON object or as lines.
 
-        Parameters
-        ----------
-        result : CommandResult
-
         Returns
         -------
         int

@@ -146,7 +146,7 @@ def _responses_together(advance: Array, new: Array, old: Array, whole: IntArray,
 
 
 def _smallest_phase_margins_deg(loop: ComplexArray) -> Array:
-    """Phase margin of every row of open loops over rising frequencies, (p,), as ``margins.phase_margin``; inf where one has no crossover."""
+    """Phase margin of every row of open loops over rising frequencies, (p,), as ``margins.phase_margin``; inf where none crosses over."""
     level = np.log(np.maximum(np.abs(loop), 1e-300))
     row, at = np.nonzero((level[:, :-1] > 0.0) != (level[:, 1:] > 0.0))
     share = level[row, at] / (level[row, at] - level[row, at + 1])

@@ -76,12 +76,7 @@ class ConfirmedBounds:
 
     @classmethod
     def from_dict(cls, entry: Any) -> ConfirmedBounds:
-        """As :meth:`to_dict` has it; nothing at all for what cannot be read.
-
-        Parameters
-        ----------
-        entry : Any
-        """
+        """As :meth:`to_dict` has it; nothing at all for what cannot be read."""
         try:
             return cls(dict(entry["machine"]), {str(name): float(value) for name, value in entry["most"].items()})
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError):

@@ -103,12 +103,7 @@ def in_stamped_order(log: FrameLog) -> FrameLog:
 
 
 def uneven_syncs(log: FrameLog) -> int:
-    """Number of SYNCs behind which a frame that comes with each of them is missing or comes twice, over all such frames.
-
-    Parameters
-    ----------
-    log : FrameLog
-    """
+    """Number of SYNCs behind which a frame that comes with each of them is missing or comes twice, over all such frames."""
     syncs = np.flatnonzero((log.identifier == SYNC) & ~log.remote)
     if len(syncs) < _FEWEST_SYNCS:
         return 0

@@ -331,11 +331,6 @@ class Scorer:
     def lines(self, effect: Effect, trials: Sequence[Trial]) -> Iterator[tuple[list[Trial], Array]]:
         """Scores of trials for the lines of an encoder, by the torque at the motor, N m, that they ask of its inertia.
 
-        Parameters
-        ----------
-        effect : Effect
-        trials : sequence of Trial
-
         Returns
         -------
         iterator of tuple[list of Trial, ndarray]

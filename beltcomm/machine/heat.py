@@ -33,13 +33,7 @@ class Thermal:
 
     @classmethod
     def of(cls, axis: Axis, capabilities: Capabilities) -> Thermal:
-        """The weaker of motor and drive.
-
-        Parameters
-        ----------
-        axis : Axis
-        capabilities : Capabilities
-        """
+        """The weaker of motor and drive."""
         motor = axis.motor
         rated = min(motor.rated_torque_nm or math.inf, capabilities.rated_torque_nm)
         peak = min(motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)

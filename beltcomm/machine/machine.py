@@ -161,23 +161,13 @@ class Machine:
         self._backup = self.drive.backup()
 
     def remark(self, sentence: str) -> None:
-        """Say something of a record that belongs into the result too.
-
-        Parameters
-        ----------
-        sentence : str
-        """
+        """Say something of a record that belongs into the result too."""
         self.talk.say(sentence)
         self.folder.journal(sentence)
         self.remarks.append(sentence)
 
     def detail(self, sentence: str) -> None:
-        """Tell a detail, which only some want to read while it happens.
-
-        Parameters
-        ----------
-        sentence : str
-        """
+        """Tell a detail, which only some want to read while it happens."""
         detail(self.talk, sentence)
         self.folder.journal(sentence)
 

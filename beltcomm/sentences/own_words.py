@@ -184,22 +184,11 @@ class OwnWords:
         self._talk.say(*lines_in(self._terms, lines))
 
     def detail(self, *lines: str) -> None:
-        """Said on.
-
-        Parameters
-        ----------
-        *lines : str
-        """
+        """Said on."""
         detail(self._talk, *lines_in(self._terms, lines))
 
     def found(self, name: str, value: str) -> None:
-        """Said on.
-
-        Parameters
-        ----------
-        name : str
-        value : str
-        """
+        """Said on."""
         found(self._talk, self._terms.said(name), self._terms.said(value))
 
     def confirm(self, text: str) -> bool:

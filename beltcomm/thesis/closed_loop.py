@@ -280,12 +280,7 @@ class CutOff(SimulatedPlant):
 
 
 def lines(study: ClosedLoopStudy) -> list[str]:
-    """The table and what it says.
-
-    Parameters
-    ----------
-    study : ClosedLoopStudy
-    """
+    """The table and what it says."""
     said = ["0.5 m with the limits T_A on the virtual drive; errors in mm: motor as the drive measured it, cart as predicted beside it"]
     said.append(f"{'figure':7} {'mass':8} {'':42} {'motor dyn.':>10} {'static':>8} {'cart dyn.':>9} {'torque':>9} {'belt':>6}")
     for run in study.runs:

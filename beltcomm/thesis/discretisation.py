@@ -168,12 +168,7 @@ def loop_margins(plant: DesignPlant, design: ThesisDesign, period_s: float) -> L
 
 
 def lines(study: Discretisation) -> list[str]:
-    """The tables, with what they mean.
-
-    Parameters
-    ----------
-    study : Discretisation
-    """
+    """The tables, with what they mean."""
     text = difference_lines("G_A", study.plant, study.differences)
     text += [
         "  The velocity filter lags by T/2 at low frequencies, so T_R + T/2 in all; the PI lags by K_I T/2 over its gain;",

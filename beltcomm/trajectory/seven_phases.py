@@ -173,10 +173,6 @@ class SevenPhases:
     def sampled(self, sample_period_s: float) -> Trajectory:
         """On a uniform grid; first and last sample are the two states exactly.
 
-        Parameters
-        ----------
-        sample_period_s : float
-
         Raises
         ------
         ValueError

@@ -81,12 +81,7 @@ def open_loop_curves(plant: DesignPlant, cascade: Cascade, period_s: float) -> O
 
 
 def span_s(cascade: Cascade) -> float:
-    """Time within which the loop has settled, from ``SPANS_S``.
-
-    Parameters
-    ----------
-    cascade : Cascade
-    """
+    """Time within which the loop has settled, from ``SPANS_S``."""
     slowest = max(1.0 / cascade.kpp_1_s, cascade.kp_nm_s_rad / cascade.ki_nm_rad / 3.0)
     return next((span for span in SPANS_S if span >= _TIME_CONSTANTS * slowest), SPANS_S[-1])
 
@@ -194,22 +189,13 @@ class Bench:
         self._untouched: SliderSetting | None = None
 
     def prefilters(self, payload_kg: float) -> dict[str, Prefilter]:
-        """The prefilters of the drive, laid out for this payload, by key.
-
-        Parameters
-        ----------
-        payload_kg : float
-        """
+        """The prefilters of the drive, laid out for this payload, by key."""
         plants = self._plants(payload_kg).proof.plants
         centre = min(plant.resonance_rad_s for plant in plants)
         return {key_of(p, centre): p for p in candidate_prefilters(plants, self.ground.structure, Specification())}
 
     def design(self, setting: SliderSetting) -> DesignResult:
         """The gains of the knobs on all variants.
-
-        Parameters
-        ----------
-        setting : SliderSetting
 
         Raises
         ------
@@ -230,10 +216,6 @@ class Bench:
 
     def shown(self, setting: SliderSetting) -> tuple[DesignResult, CascadeView, CascadeView]:
         """The design of a setting, its curves and those of the run's present design, over the same times.
-
-        Parameters
-        ----------
-        setting : SliderSetting
 
         Raises
         ------
@@ -321,12 +303,7 @@ class Bench:
         return self.once(("tracked", shown_kg), lambda: self.tracked(self.ground.present, shown_kg))
 
     def reach(self, setting: SliderSetting) -> Reach:
-        """Range of each slider while the others stay, and advice where the setting has no design.
-
-        Parameters
-        ----------
-        setting : SliderSetting
-        """
+        """Range of each slider while the others stay, and advice where the setting has no design."""
         prefilter, lag, plants = self._prefilter(setting), setting.velocity_filter_s, self._plants(setting.payload_kg)
         table = self.once(("table", setting.payload_kg, prefilter, lag), lambda: _table_of(plants, prefilter, lag))
         return _reach_of(table, setting, plants, prefilter)
@@ -353,13 +330,7 @@ class Bench:
         return placed
 
     def standing(self, setting: SliderSetting, margins: tuple[Margins, ...]) -> SliderSetting:
-        """The setting with the knobs where they give gains of these margins back, a little inside what is possible where they must be.
-
-        Parameters
-        ----------
-        setting : SliderSetting
-        margins : tuple of Margins
-        """
+        """The setting with the knobs where they give gains of these margins back, a little inside what is possible where they must be."""
         worst = worst_of(margins)
         for inside in _INSIDE:
             wanted = Knobs(worst.phase_margin_deg - inside, worst.position_phase_margin_deg - inside, worst.suppression_db - 0.3 * inside)

@@ -41,12 +41,7 @@ class WallClock(Protocol):
         ...
 
     def sleep_until(self, t_s: float) -> None:
-        """Return when ``now() >= t_s``.
-
-        Parameters
-        ----------
-        t_s : float
-        """
+        """Return when ``now() >= t_s``."""
         ...
 
 
@@ -66,12 +61,7 @@ class Node(Protocol):
         ...
 
     def begin_tick(self, tick: int) -> None:
-        """Virtual time has become so many ticks of the bus.
-
-        Parameters
-        ----------
-        tick : int
-        """
+        """Virtual time has become so many ticks of the bus."""
         ...
 
     def finish_tick(self) -> None:
@@ -165,12 +155,7 @@ class LockstepBus(can.BusABC):
         self._wall_start_s = wall_clock.now() if wall_clock else 0.0
 
     def attach(self, node: Node) -> None:
-        """Connect a node; it starts at the present tick.
-
-        Parameters
-        ----------
-        node : Node
-        """
+        """Connect a node; it starts at the present tick."""
         self._nodes.append(node)
         node.begin_tick(self.tick)
 
@@ -292,10 +277,6 @@ class TimedLine(Generic[Cargo]):
     def alive(self, tick: int) -> None:
         """The host does something.
 
-        Parameters
-        ----------
-        tick : int
-
         Raises
         ------
         HostDied
@@ -307,10 +288,6 @@ class TimedLine(Generic[Cargo]):
 
     def interface(self, tick: int) -> None:
         """It uses its interface.
-
-        Parameters
-        ----------
-        tick : int
 
         Raises
         ------
@@ -346,13 +323,6 @@ class TimedLine(Generic[Cargo]):
     def carry(self, direction: Direction, identifier: int, cargo: Cargo, tick: int) -> list[Cargo]:
         """Put a frame in.
 
-        Parameters
-        ----------
-        direction : Direction
-        identifier : int
-        cargo : Cargo
-        tick : int
-
         Returns
         -------
         list of Cargo
@@ -374,12 +344,7 @@ class TimedLine(Generic[Cargo]):
         return [cargo, *([cargo] if what == "doubled" else []), *passed]
 
     def due(self, tick: int) -> list[tuple[Direction, Cargo]]:
-        """The frames that were held back until now.
-
-        Parameters
-        ----------
-        tick : int
-        """
+        """The frames that were held back until now."""
         if not self._late:
             return []
         now = [(direction, cargo) for when, direction, cargo in self._late if when <= tick]

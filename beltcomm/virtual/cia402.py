@@ -39,13 +39,7 @@ class Guidance:
         self._on_at_s: float | None = None
 
     def follow(self, controlword: int, now_s: float) -> None:
-        """Follow this controlword as far as it leads.
-
-        Parameters
-        ----------
-        controlword : int
-        now_s : float
-        """
+        """Follow this controlword as far as it leads."""
         command, machine = _decode(controlword), self._machine
         if machine.state == DriveState.OPERATION_ENABLED:
             option = self._options.get(command)
@@ -195,12 +189,7 @@ class DriveStateMachine:
         self._go(1, DriveState.SWITCH_ON_DISABLED)
 
     def control(self, controlword: int) -> None:
-        """Follow the level of the controlword as far as it leads; done on each write and each tick.
-
-        Parameters
-        ----------
-        controlword : int
-        """
+        """Follow the level of the controlword as far as it leads; done on each write and each tick."""
         command = _decode(controlword)
         while (found := TRANSITIONS.get((self.state, command))) is not None:
             if found[0] == 16 and not self.quick_stop_holds:

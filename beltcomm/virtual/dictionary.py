@@ -162,32 +162,15 @@ class ObjectDictionary:
         self._indices = {index for (index, _), entry in self._entries.items() if entry.row.access != "none"}
 
     def entry(self, index: int, subindex: int = 0) -> ObjectEntry:
-        """One entry, seen or not, for the drive itself.
-
-        Parameters
-        ----------
-        index : int
-        subindex : int
-        """
+        """One entry, seen or not, for the drive itself."""
         return self._entries[index, subindex]
 
     def has(self, index: int, subindex: int = 0) -> bool:
-        """True if the drive has this object, or the quantity without one.
-
-        Parameters
-        ----------
-        index : int
-        subindex : int
-        """
+        """True if the drive has this object, or the quantity without one."""
         return (index, subindex) in self._entries
 
     def seen(self, index: int, subindex: int = 0) -> ObjectEntry:
         """One entry as a master sees it.
-
-        Parameters
-        ----------
-        index : int
-        subindex : int
 
         Raises
         ------
@@ -214,11 +197,6 @@ class ObjectDictionary:
 
     def read(self, index: int, subindex: int) -> bytes:
         """Value as the bytes of an upload.
-
-        Parameters
-        ----------
-        index : int
-        subindex : int
 
         Raises
         ------
@@ -263,11 +241,6 @@ class ObjectDictionary:
 
     def store(self, entry: ObjectEntry, value: Any) -> None:
         """Check a written value against range and drive state and keep it; ``changed`` is not called.
-
-        Parameters
-        ----------
-        entry : ObjectEntry
-        value : Any
 
         Raises
         ------

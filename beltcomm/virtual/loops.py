@@ -124,12 +124,7 @@ class Loops:
         return float(value.value * 10.0**power.value)
 
     def set_zero(self, shift_counts: int) -> None:
-        """The user's position is the encoder's count plus this, times units per count.
-
-        Parameters
-        ----------
-        shift_counts : int
-        """
+        """The user's position is the encoder's count plus this, times units per count."""
         self.shift_counts = shift_counts
         self._shift_rad = shift_counts * math.tau / self._counts_per_rev
 
@@ -162,10 +157,6 @@ class Loops:
 
     def acceleration(self, entry: ObjectEntry) -> float:
         """Value of an acceleration object.
-
-        Parameters
-        ----------
-        entry : ObjectEntry
 
         Returns
         -------

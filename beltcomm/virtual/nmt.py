@@ -87,12 +87,7 @@ class Nmt:
             self._reset(data[0] == RESET_NODE)
 
     def tick(self, tick: int) -> None:
-        """Do all that the time makes due: boot-up, heartbeat, loss of the master.
-
-        Parameters
-        ----------
-        tick : int
-        """
+        """Do all that the time makes due: boot-up, heartbeat, loss of the master."""
         self._tick = tick
         if self.state == BOOTING:
             if self._boot_left > 0:
@@ -125,12 +120,7 @@ class Nmt:
         self._guard_deadline = self._tick + life_time if life_time else None
 
     def heard(self, node_id: int) -> None:
-        """A heartbeat of another node; the one named in 1016h is watched from its first on.
-
-        Parameters
-        ----------
-        node_id : int
-        """
+        """A heartbeat of another node; the one named in 1016h is watched from its first on."""
         watched = self._consumer.value
         if watched >> 16 & 0x7F == node_id and watched & 0xFFFF and self.state != BOOTING:
             self._heartbeat_deadline = self._tick + (watched & 0xFFFF) * self._per_ms

@@ -61,12 +61,7 @@ class SdoServer:
         self._toggle = 0
 
     def answer(self, request: bytes) -> list[bytes]:
-        """The answer to a request of 8 bytes; nothing to what needs none (an abort, a frame of another length).
-
-        Parameters
-        ----------
-        request : bytes
-        """
+        """The answer to a request of 8 bytes; nothing to what needs none (an abort, a frame of another length)."""
         if len(request) != 8:
             return []
         command = request[0] >> 5

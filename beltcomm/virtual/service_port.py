@@ -236,10 +236,6 @@ class LockstepPort:
     def write(self, data: bytes) -> None:
         """Send.
 
-        Parameters
-        ----------
-        data : bytes
-
         Raises
         ------
         OSError
@@ -250,10 +246,6 @@ class LockstepPort:
 
     def read(self, timeout_s: float) -> bytes:
         """Characters that have come; virtual time runs until some have, at most ``timeout_s``.
-
-        Parameters
-        ----------
-        timeout_s : float
 
         Raises
         ------
@@ -292,12 +284,7 @@ class AsciiInterpreter:
         self._reset = reset
 
     def answer(self, line: str) -> str | None:
-        """The answer to a line without its end; None to what is not answered.
-
-        Parameters
-        ----------
-        line : str
-        """
+        """The answer to a line without its end; None to what is not answered."""
         if found := _READ.fullmatch(line):
             return self._read(int(found[1], 16), int(found[2], 16))
         if found := _WRITE.fullmatch(line):

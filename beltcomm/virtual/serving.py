@@ -37,12 +37,7 @@ class CanInterface(Protocol):
         ...
 
     def send(self, message: can.Message) -> None:
-        """Put a frame on the bus.
-
-        Parameters
-        ----------
-        message : can.Message
-        """
+        """Put a frame on the bus."""
         ...
 
 

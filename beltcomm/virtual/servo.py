@@ -170,12 +170,7 @@ class Servo:
         self._on_mode()
 
     def latch(self, tick: int) -> None:
-        """t_k: sample, supervise, publish.
-
-        Parameters
-        ----------
-        tick : int
-        """
+        """t_k: sample, supervise, publish."""
         now_s = self._now_s = tick / self._ticks_per_second
         loops, stage, encoder, dictionary = self._loops, self._stage, self._encoder, self._dictionary
         before = encoder.angle_rad

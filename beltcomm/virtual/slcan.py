@@ -46,10 +46,6 @@ class ByteLine(Protocol):
     def write(self, data: bytes) -> int:
         """Send.
 
-        Parameters
-        ----------
-        data : bytes
-
         Returns
         -------
         int
@@ -210,12 +206,7 @@ class SlcanAdapter:
         return self._received.popleft() if self._received else None
 
     def send(self, message: can.Message) -> None:
-        """A frame to the host, while the channel is open.
-
-        Parameters
-        ----------
-        message : can.Message
-        """
+        """A frame to the host, while the channel is open."""
         if not self._open:
             return
         if len(self._waiting) > _LONGEST_QUEUE:

@@ -475,10 +475,6 @@ class Encoder:
     def latch(self, now_s: float) -> float:
         """Take a sample.
 
-        Parameters
-        ----------
-        now_s : float
-
         Returns
         -------
         float, rad

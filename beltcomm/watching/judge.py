@@ -187,10 +187,6 @@ class Judge:
     def judge(self, move: Recording) -> JudgedMove:
         """One more move held against the fit of the run.
 
-        Parameters
-        ----------
-        move : Recording
-
         Raises
         ------
         DataError
@@ -251,12 +247,7 @@ class Judge:
         return friction_at_places(fitted, self.width_m) if known and self.width_m is not None else {}
 
     def suspects(self, moves: Sequence[Recording]) -> list[tuple[str, str, float]]:
-        """Effects by which the error of these moves would fall most, by the score test: name, title, evidence.
-
-        Parameters
-        ----------
-        moves : sequence of Recording
-        """
+        """Effects by which the error of these moves would fall most, by the score test: name, title, evidence."""
         fitted = self._fitted_to(moves)
         scorer, ground = Scorer(fitted), ground_of(fitted, fitted.problem.pieces, self.axis)
         found = []

@@ -55,12 +55,7 @@ class BusStream:
         self.notes: tuple[str, ...] = ()
 
     def take(self, frames: Iterable[Heard]) -> None:
-        """Frames that have come.
-
-        Parameters
-        ----------
-        frames : iterable of Heard
-        """
+        """Frames that have come."""
         for frame in frames:
             self._came = True
             self._count += 1

@@ -47,10 +47,6 @@ class ProcessTorque:
         ----------
         sample_s : float, s
             Sampling period.
-
-        Returns
-        -------
-        float
         """
         return math.exp(-sample_s / self.time_s) if self.time_s > 0.0 else 0.0
 

@@ -205,10 +205,6 @@ class SteadyPasses:
     def left(self, model: Model) -> Array:
         """Torque that the friction of a model leaves, over what it counts with:  (τ - τ_C sign ω - d ω - τ_0)/σ.
 
-        Parameters
-        ----------
-        model : Model
-
         Returns
         -------
         ndarray

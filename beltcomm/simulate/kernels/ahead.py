@@ -52,12 +52,7 @@ def begin(meanwhile: Iterable[Callable[[], object]] = ()) -> None:
 
 
 def start(command: Sequence[str]) -> None:
-    """Run a command beside this process, which ends it with itself; :func:`wait` waits for it.
-
-    Parameters
-    ----------
-    command : sequence of str
-    """
+    """Run a command beside this process, which ends it with itself; :func:`wait` waits for it."""
     if _beside:
         return
     try:

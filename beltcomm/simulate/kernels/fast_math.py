@@ -94,12 +94,7 @@ def cos(x: float) -> float:
 
 @_inlined
 def exp(x: float) -> float:
-    """exp x by its series within ±ln 2/2; 3e-308 where it would be less, and no more than at 709.
-
-    Parameters
-    ----------
-    x : float
-    """
+    """exp x by its series within ±ln 2/2; 3e-308 where it would be less, and no more than at 709."""
     x = min(max(x, -708.0), 709.0)
     n = (x * _PER_LN2 + _ROUND) - _ROUND
     r = (x - n * _LN2_1) - n * _LN2_2
@@ -115,11 +110,6 @@ def power(x: float, y: float) -> float:
     """x^y = exp(y ln x) for x ≥ 0, y > 0;  ln x = e ln 2 + 2 artanh((m - 1)/(m + 1)),  x = m 2^e,  m within √½ and √2.
 
     A square, the usual form of the laws that have a power, is one product: this branch never changes within a record.
-
-    Parameters
-    ----------
-    x : float
-    y : float
     """
     if y == 2.0:
         return x * x

@@ -156,24 +156,13 @@ class Writer:
     # -- switches ---------------------------------------------------------------------------------------------------------------
 
     def when(self, effect: Effect, lines: list[str]) -> list[str]:
-        """Lines that count only when the effect is on.
-
-        Parameters
-        ----------
-        effect : Effect
-        lines : list of str
-        """
+        """Lines that count only when the effect is on."""
         if not self.masked or not lines:
             return lines
         return [f"if s{self.switch[effect.name]}:", *("    " + line for line in lines)]
 
     def group_effects(self, lines: list[str]) -> tuple[list[str], list[str]]:
-        """Lines that set switches for several effects that are seldom on, and the lines behind them; see ``switch_groups``.
-
-        Parameters
-        ----------
-        lines : list of str
-        """
+        """Lines that set switches for several effects that are seldom on, and the lines behind them; see ``switch_groups``."""
         return group(lines, {f"s{self.switch[name]}" for name in USUAL})
 
     def with_body(self, i: int, lines: list[str]) -> list[str]:
@@ -193,12 +182,7 @@ class Writer:
         return [f"if {test}:", *("    " + line for line in lines)]
 
     def effects_of_slot(self, slot: str) -> list[Effect]:
-        """Effects of a slot that have a law.
-
-        Parameters
-        ----------
-        slot : str
-        """
+        """Effects of a slot that have a law."""
         return [e for e in self.effects if e.slot == slot and e.law is not None]
 
     # -- names ------------------------------------------------------------------------------------------------------------------
@@ -221,10 +205,6 @@ class Writer:
 
     def arguments(self, effect: Effect) -> str:
         """Arguments of a law behind those of its slot.
-
-        Parameters
-        ----------
-        effect : Effect
 
         Returns
         -------

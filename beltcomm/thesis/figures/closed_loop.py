@@ -29,11 +29,6 @@ def _drawn(run: SimulatedMove) -> tuple[Array, ...]:
 def figures(study: ClosedLoopStudy, caption: Caption) -> Mapping[str, Figure]:
     """Five panels one above the other; what was stopped is left out.   Errors are linear within 1 mm and logarithmic beyond.
 
-    Parameters
-    ----------
-    study : ClosedLoopStudy
-    caption : Caption
-
     Returns
     -------
     mapping of str to Figure

@@ -30,13 +30,7 @@ Lines = Sequence[tuple[str, str, object, ComplexArray]]
 
 
 def figures(study: Designs, caption: style.Caption) -> Mapping[str, Figure]:
-    """The figures by name.
-
-    Parameters
-    ----------
-    study : Designs
-    caption : style.Caption
-    """
+    """The figures by name."""
     plant = study.plants[0]
     made = {
         "designs_4_3_prefilters": _prefilters(plant, caption),

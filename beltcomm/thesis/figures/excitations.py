@@ -18,11 +18,6 @@ COLOURS = {"prbs": MEASURED, "gprbs": MODEL, "chirp": HELD_OUT, "multisine": SEV
 def figures(study: ExcitationStudy, caption: Caption) -> Mapping[str, Figure]:
     """One figure per axis: torque spectra in third octaves, deviations of the estimates.
 
-    Parameters
-    ----------
-    study : ExcitationStudy
-    caption : Caption
-
     Returns
     -------
     mapping of str to Figure

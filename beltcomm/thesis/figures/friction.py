@@ -16,11 +16,6 @@ COLOURS = (MODEL, RESIDUAL, MEASURED, FAINT, HELD_OUT, SEVERE)
 def figures(study: FrictionComparison, caption: Caption) -> Mapping[str, Figure]:
     """All points of all orders, the fitted laws as lines; below, what the law leaves.
 
-    Parameters
-    ----------
-    study : FrictionComparison
-    caption : Caption
-
     Returns
     -------
     mapping of str to Figure

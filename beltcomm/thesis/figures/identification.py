@@ -24,11 +24,6 @@ SHOWN = {
 def figures(study: IdentificationStudy, caption: Caption) -> Mapping[str, Figure]:
     """Magnitudes with the true one and the controller, their errors below; scatter over averaged periods.
 
-    Parameters
-    ----------
-    study : IdentificationStudy
-    caption : Caption
-
     Returns
     -------
     mapping of str to Figure

@@ -17,11 +17,6 @@ COLOURS = (MEASURED, MODEL, RESIDUAL, SEVERE, HELD_OUT)
 def figures(study: ModelStudy, caption: Caption) -> Mapping[str, Figure]:
     """One figure each.
 
-    Parameters
-    ----------
-    study : ModelStudy
-    caption : Caption
-
     Returns
     -------
     mapping of str to Figure
