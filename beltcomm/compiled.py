@@ -50,11 +50,6 @@ def within_kernels(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """Compile what compiled functions alone call: nothing of it is cached but inside them, and Python must not call it.
 
     Without the two ways in for others a short law takes half the time to compile.
-
-    Returns
-    -------
-    callable
-        It has no way in from Python.
     """
     return cast("Callable[_P, _R]", numba.njit(**_NO_WAY_IN)(function))
 

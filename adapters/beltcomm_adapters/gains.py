@@ -107,13 +107,7 @@ class Parameters:
         self.uncalibrated -= set(units)
 
     def read(self, names: Iterable[str]) -> dict[str, float]:
-        """Values as they stand in the drive.
-
-        Raises
-        ------
-        UsageError
-            For an unknown name.
-        """
+        """Values as they stand in the drive; raises UsageError for an unknown name."""
         wanted = list(names)
         self._known(wanted)
         return {name: self.table[name].value(self._read_raw(name), self._stored_gain) for name in wanted}

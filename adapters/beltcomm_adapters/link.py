@@ -73,13 +73,7 @@ class Link:
         self._handlers[cob_id] = handler
 
     def send(self, message: can.Message) -> None:
-        """Put a frame on the bus.
-
-        Raises
-        ------
-        BusError
-            When the interface does not take it.
-        """
+        """Put a frame on the bus; raises BusError when the interface does not take it."""
         try:
             self.bus.send(message)
         except INTERFACE_ERRORS as error:
@@ -94,26 +88,14 @@ class Link:
         self.send_data(0, bytes((command, self.node)))
 
     def receive(self, timeout_s: float) -> can.Message | None:
-        """The next frame from the bus, None when none came in time.
-
-        Raises
-        ------
-        BusError
-            When the interface is gone.
-        """
+        """The next frame from the bus, None when none came in time; raises BusError when the interface is gone."""
         try:
             return self.bus.recv(timeout_s)
         except INTERFACE_ERRORS as error:
             raise self.gone(error) from error
 
     def gone(self, error: Exception) -> BusError:
-        """The interface's failure, in words.
-
-        Returns
-        -------
-        BusError
-            To be raised.
-        """
+        """The interface's failure, in words, to be raised."""
         return BusError(
             f"the CAN interface {self.bus.channel_info} does not send or receive ({error}); check that it is plugged in and up, "
             "that the drive is on and the bus terminated"
@@ -128,13 +110,7 @@ class Link:
             handler(message)
 
     def pump(self, timeout_s: float) -> bool:
-        """Wait for one frame, at most ``timeout_s``, and dispatch it; signs of life go out meanwhile.
-
-        Returns
-        -------
-        bool
-            False when nothing came.
-        """
+        """Wait for one frame, at most ``timeout_s``, and dispatch it; signs of life go out meanwhile.  False when nothing came."""
         end_s = self.clock.now() + timeout_s
         while True:
             now_s = self.clock.now()

@@ -201,18 +201,7 @@ class Profile:
         return self.actual_torque.index, self.actual_torque.subindex, 32 if self.actual_torque.type == "int32" else 16
 
     def with_modes(self, available: Collection[int]) -> Profile:
-        """The profile with the modes that a drive has.
-
-        Parameters
-        ----------
-        available : collection of int
-            Modes of operation, 6502h.
-
-        Returns
-        -------
-        Profile
-            Of each kind the first mode that is available; the first of all where none is.
-        """
+        """The profile with the modes 6502h that a drive has: of each kind the first that is available; the first of all where none is."""
         best = {kind: next((mode for mode in modes if mode in available), modes[0]) for kind, modes in self.choices.items()}
         return replace(self, modes=best)
 

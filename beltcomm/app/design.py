@@ -73,13 +73,7 @@ class DesignTab:
         }
 
     def present(self, *, begins: bool = False) -> TunedDesign:
-        """The design that the page shows.
-
-        Parameters
-        ----------
-        begins : bool
-            A page that begins, with the model as it is now.
-        """
+        """The design that the page shows; a page that ``begins`` has the model as it is now."""
         with self._making:
             stamp = self._stamp()
             if self._made is None or (begins and self._made[0] != stamp):

@@ -70,13 +70,7 @@ def machine_left(place: CarriagePosition) -> str:
 
 
 def clock_words(seconds: float) -> str:
-    """A time as ``00:41``, minutes and seconds.
-
-    Parameters
-    ----------
-    seconds : float, s
-        Rounded down.
-    """
+    """A time as ``00:41``, minutes and seconds."""
     return f"{int(seconds) // 60:02d}:{int(seconds) % 60:02d}"
 
 
@@ -175,18 +169,7 @@ class Display:
         self._left = self._pace.left(fraction, seconds_left)
 
     def ended(self, done: bool) -> str:
-        """Leave one line of it.
-
-        Parameters
-        ----------
-        done : bool
-            False where it was broken off.
-
-        Returns
-        -------
-        str
-            The line.
-        """
+        """Leave one line of it, and return it; not ``done`` where it was broken off."""
         if not done:
             return f"{self.number} {self.title}: {tr('not finished')}"
         if found := self._found_words():

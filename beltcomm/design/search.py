@@ -38,35 +38,13 @@ class AllowedGains:
     highs: Array
 
     def of(self, gains: Array) -> Array:
-        """Allowed ones among gains.
-
-        Parameters
-        ----------
-        gains : ndarray, (m,)
-            K > 0.
-
-        Returns
-        -------
-        ndarray, (k,)
-            In their order.
-        """
+        """Allowed ones among gains above 0, in their order."""
         place = np.searchsorted(self.lows, gains) - 1
         inside = (place >= 0) & (gains < np.append(self.highs, 0.0)[place])
         return gains[(gains < self.top) & ~inside]
 
     def highest(self, limit: float) -> float:
-        """Largest allowed gain up to ``limit``.
-
-        Parameters
-        ----------
-        limit : float
-            In the unit of the gains.
-
-        Returns
-        -------
-        float
-            At the lower edge of a forbidden range that holds the limit.
-        """
+        """Largest allowed gain up to ``limit``: at the lower edge of a forbidden range that holds it."""
         gain = min(self.top, limit)
         place = int(np.searchsorted(self.lows, gain)) - 1
         return float(self.lows[place]) if place >= 0 and gain < self.highs[place] else gain

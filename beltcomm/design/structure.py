@@ -49,18 +49,7 @@ class Bodies:
         return np.array(self.mass), np.array(self.damping), np.array(self.stiffness)
 
     def with_carriage(self, mass_kg: float) -> Bodies:
-        """Bodies with another carriage.
-
-        Parameters
-        ----------
-        mass_kg : float, kg
-            Of the carriage.
-
-        Returns
-        -------
-        Bodies
-            Springs and dampers as they were.
-        """
+        """Bodies with another mass of the carriage, springs and dampers as they were."""
         at = self.names.index("cart")
         return Bodies(self.names, (*self.mass[:at], mass_kg, *self.mass[at + 1 :]), self.damping, self.stiffness)
 

@@ -262,13 +262,7 @@ class AskedExcitation:
         )
 
     def seconds(self) -> float | None:
-        """Length of the whole record.
-
-        Returns
-        -------
-        float or None, s
-            None where it does not follow from what is asked for.
-        """
+        """Length of the whole record, s; None where it does not follow from what is asked for."""
         if self.order is None or self.bit_s is None:
             return None
         periods = 1 + (self.periods or FEWEST_REPEATS)

@@ -59,15 +59,7 @@ class ConfirmedBounds:
 
     @classmethod
     def of(cls, axis: Axis, plan: Plan, profile: str | None) -> ConfirmedBounds:
-        """Of a plan.
-
-        Parameters
-        ----------
-        axis : Axis
-        plan : Plan
-        profile : str or None
-            As given: one that is not shipped is part of the machine.
-        """
+        """Of a plan; a profile that is not shipped is part of the machine."""
         machine = {entry: _word(axis.get(entry)) for entry in MACHINE} | {"profile": _profile(profile)}
         low = axis.travel.min_m
         most = {f"{LOWER}travel.min_m": math.inf if low is None else -low}
@@ -87,13 +79,7 @@ class ConfirmedBounds:
         return {"machine": dict(self.machine), "most": dict(self.most)}
 
     def unconfirmed_entries(self, confirmed: ConfirmedBounds) -> list[str]:
-        """Entries that were not confirmed, in words.
-
-        Parameters
-        ----------
-        confirmed : ConfirmedBounds
-            On the drive before.
-        """
+        """Entries that were not confirmed on the drive before, in words."""
         found = []
         for name, here in self.machine.items():
             if (before := confirmed.machine.get(name)) != here:
@@ -107,13 +93,7 @@ class ConfirmedBounds:
         return found
 
     def with_(self, confirmed: ConfirmedBounds) -> ConfirmedBounds:
-        """This and what was confirmed on the same machine before.
-
-        Parameters
-        ----------
-        confirmed : ConfirmedBounds
-            On the drive before; of another machine it counts for nothing.
-        """
+        """This and what was confirmed on the same machine before; of another machine it counts for nothing."""
         if confirmed.machine != self.machine:
             return self
         return ConfirmedBounds(self.machine, {name: max(most, confirmed.most.get(name, most)) for name, most in self.most.items()})

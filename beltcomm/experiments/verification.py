@@ -82,14 +82,7 @@ class StandardMove:
     chosen: bool = False
 
     def at(self, share: float, period_s: float) -> Trajectory:
-        """The move with its time stretched by 1/share.
-
-        Parameters
-        ----------
-        share : float
-            Of the speed limit; acceleration counts with its square, jerk with its cube.
-        period_s : float
-        """
+        """The move with its time stretched by 1/share: share of the speed limit, its square of the acceleration, its cube of the jerk."""
         return plan_trajectory(self.start_m, self.end_m, self.limits.slower(share), period_s)
 
 

@@ -206,21 +206,7 @@ def _swing_and_rate(model: Model, recordings: Sequence[Recording]) -> tuple[floa
 
 
 def sampling_doubt(ratio: float, model: Model, recordings: Sequence[Recording]) -> str:
-    """Reason in words why the ratio to the noise may be no more than what so seldom a sampling leaves; "" for none.
-
-    Parameters
-    ----------
-    ratio : float
-        Error over the noise.
-    model : Model
-        That it is of.
-    recordings : sequence of Recording
-
-    Returns
-    -------
-    str
-        A sentence, or "".
-    """
+    """Reason in words why the ratio to the noise may be no more than what so seldom a sampling leaves; "" for none."""
     resonance_hz, rate_hz = _swing_and_rate(model, recordings)
     far_off = ratio >= TOO_FAR_OFF and resonance_hz < UNSEEN * rate_hz
     return "" if far_off else _undersampling_remark(model, recordings)

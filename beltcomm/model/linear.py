@@ -79,18 +79,7 @@ class Matrices:
     outputs: Array
 
     def hold(self, names: Sequence[str]) -> Matrices:
-        """Axis with those bodies held; held at the motor, it oscillates at the motor's antiresonances.
-
-        Parameters
-        ----------
-        names : sequence of str
-            Bodies that cannot move.
-
-        Returns
-        -------
-        Matrices
-            Of the others.
-        """
+        """Axis with those bodies held; held at the motor, it oscillates at the motor's antiresonances."""
         free = [i for i, body in enumerate(self.bodies) if body not in names]
         square = np.ix_(free, free)
         bodies = tuple(self.bodies[i] for i in free)

@@ -384,20 +384,7 @@ def _partial(signal: Array, cause: Array, others: Array) -> float:
 
 
 def running_mean(signal: Array, width: int) -> Array:
-    """Mean of each ``width`` values in a row.
-
-    Parameters
-    ----------
-    signal : ndarray, (n,)
-        In any unit.
-    width : int
-        1 to n.
-
-    Returns
-    -------
-    ndarray, (n - width + 1,)
-        In that unit.
-    """
+    """Mean of each ``width`` values in a row, 1 to n, (n - width + 1,)."""
     total = np.concatenate(([0.0], np.cumsum(signal)))
     return (total[width:] - total[:-width]) / width
 

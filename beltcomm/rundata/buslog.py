@@ -56,17 +56,7 @@ class BusLog:
             yield f"({time_s:017.6f}) {channel} {identifier:03X}#{content}"
 
     def write(self, folder: Path, name: str, channel: str) -> Path:
-        """All of it into ``NAME.log.gz``, or NAME-2 and so on when there is one already.
-
-        Returns
-        -------
-        Path
-            Of the file.
-
-        Raises
-        ------
-        OSError
-        """
+        """All of it into ``NAME.log.gz``, or NAME-2 and so on when there is one already; returns the file, or raises OSError."""
         if folder.is_symlink():
             raise link_refused(folder)
         folder.mkdir(parents=True, exist_ok=True)

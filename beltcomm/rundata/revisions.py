@@ -69,18 +69,7 @@ class Revision:
     bands_held_out: tuple[PlainError, ...] = ()
 
     def up_to(self, band_hz: float) -> Plain:
-        """The error in plain units up to a band's edge.
-
-        Parameters
-        ----------
-        band_hz : float
-            Upper edge.
-
-        Returns
-        -------
-        Plain
-            On fitted and on held-out records, None where nobody noted it.
-        """
+        """The error in plain units up to a band's edge, on fitted and on held-out records; None where nobody noted it."""
         fitted, held = (next((one for one in bands if one.band_hz == band_hz), None) for bands in (self.bands, self.bands_held_out))
         return fitted, held
 

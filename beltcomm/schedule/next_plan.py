@@ -80,13 +80,7 @@ class NextPlan:
         return {**found, **({"own_drive": list(self.own_drive)} if self.own_drive else {})}
 
     def lines(self, run: Path) -> list[str]:
-        """The plan for people.
-
-        Parameters
-        ----------
-        run : Path
-            Folder, for the commands.
-        """
+        """The plan for people."""
         if not self.reasons:
             return ["Nothing more needs to be recorded: every effect of typical size would have been seen."]
         lines = ["Record next, for " + ", ".join(self.reasons) + ":"]

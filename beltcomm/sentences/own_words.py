@@ -196,14 +196,7 @@ class OwnWords:
         return self._talk.confirm(self._terms.said(text))
 
     def choose(self, question: str, choices: Mapping[str, str]) -> str:
-        """Asked on.
-
-        Parameters
-        ----------
-        question : str
-        choices : mapping of str to str
-            Words of each key.
-        """
+        """Asked on."""
         return choose(self._talk, self._terms.said(question), {key: self._terms.said(word) for key, word in choices.items()})
 
     def attended(self) -> bool:

@@ -102,13 +102,7 @@ class FineMotion:
         self.rubbed.clear()
 
     def coarser(self, substeps: int) -> FineMotion:
-        """Motion with fewer fine steps per sample; itself where it has no more.
-
-        Parameters
-        ----------
-        substeps : int
-            Fine steps per sample, of which today's are a multiple.
-        """
+        """Motion with fewer fine steps per sample, of which today's are a multiple; itself where it has no more."""
         skip = self.substeps // substeps
         if skip <= 1:
             return self

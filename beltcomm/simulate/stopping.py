@@ -118,12 +118,7 @@ class Braking:
         return min(way, self.besides.way_m(speed_m_s, acceleration_m_s2)) if self.besides else way
 
     def ways_m(self, speed_m_s: Array) -> Array:
-        """:meth:`way_m` of many speeds at once, without acceleration.
-
-        Parameters
-        ----------
-        speed_m_s : ndarray (n,)
-        """
+        """:meth:`way_m` of many speeds at once, without acceleration."""
         speed = np.abs(speed_m_s)
         if self.deceleration_m_s2 > 0.0:
             ways = speed * self.lag_s + speed**2 / (2.0 * self.deceleration_m_s2)
@@ -138,18 +133,7 @@ class Braking:
         return replace(self, lag_s=max(self.lag_s - self.reaction_s, 0.0), reaction_s=0.0, besides=besides)
 
     def span_m(self, position_m: Array, speed_m_s: Array, sample_s: float) -> tuple[float, float]:
-        """Lowest and highest position that a motion reaches with a stop at any moment.
-
-        Parameters
-        ----------
-        position_m, speed_m_s : ndarray (n,)
-        sample_s : float
-
-        Returns
-        -------
-        tuple[float, float], m
-            Carriage.
-        """
+        """Lowest and highest carriage position that a motion, (n,), reaches with a stop at any moment."""
         accelerations = np.gradient(speed_m_s, sample_s)
         ways = [self.way_m(float(v), float(a)) for v, a in zip(speed_m_s, accelerations, strict=True)]
         ends = position_m + np.sign(speed_m_s) * np.array(ways)
@@ -552,19 +536,7 @@ class References:
     added_nm: Array
 
     def lost_at(self, at: int, runs: int) -> tuple[Array, Array, Array]:
-        """Those up to run ``at``; then the last stand still for ``runs`` runs.
-
-        Parameters
-        ----------
-        at : int
-            Run of the loop, 1 or above.
-        runs : int
-
-        Returns
-        -------
-        tuple[ndarray, ndarray, ndarray]
-            Position, speed and torque added, motor shaft.
-        """
+        """Position, speed and torque added up to run ``at``, 1 or above; then the last stand still for ``runs`` runs."""
 
         def then_at_rest(values: Array, last: float) -> Array:
             return np.concatenate((values[:at], np.full(runs, last)))

@@ -169,13 +169,7 @@ class Work(Protocol):
         ...
 
     def described(self, values: Values) -> Mapping[str, Any] | None:
-        """The member as a plant file, None for one that is no virtual axis.
-
-        Parameters
-        ----------
-        values : Values
-            What differs, SI.
-        """
+        """The member as a plant file, None for one that is no virtual axis."""
         ...
 
 

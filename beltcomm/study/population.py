@@ -42,14 +42,7 @@ class Distribution:
     numbers: tuple[float, ...]
 
     def draw(self, random: np.random.Generator, nominal: float) -> float:
-        """One number.
-
-        Parameters
-        ----------
-        random : np.random.Generator
-        nominal : float
-            What the base has.
-        """
+        """One number; ``nominal`` is what the base has."""
         if self.kind == "uniform":
             return float(random.uniform(self.numbers[0], self.numbers[1]))
         if self.kind == "normal":

@@ -75,12 +75,7 @@ class Task:
         return max(math.cbrt(abs(self.distance) / jerk), math.sqrt(speed / jerk), acceleration / jerk)
 
     def in_units(self, time: float) -> Task:
-        """Task with ``time`` as the unit of time and a unit of length that makes the larger jerk 1.
-
-        Parameters
-        ----------
-        time : float, s
-        """
+        """Task with ``time`` as the unit of time and a unit of length that makes the larger jerk 1."""
         length = max(self.rise, self.fall) * time**3
         v, a, j = time / length, time**2 / length, time**3 / length
         return Task(

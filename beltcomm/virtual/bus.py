@@ -173,15 +173,7 @@ class LockstepBus(can.BusABC):
                 self._to_nodes(*cargo) if direction == "to node" else self._to_host(*cargo)
 
     def transmit(self, sender: Node, identifier: int, data: bytes) -> None:
-        """Put a node's frame on the bus: to the other nodes at once, to the host through its queue.
-
-        Parameters
-        ----------
-        sender : Node
-            Does not hear it.
-        identifier : int
-        data : bytes
-        """
+        """Put a node's frame on the bus: to the other nodes at once, to the host through its queue."""
         now_s = self.tick / self.ticks_per_second
         if self.on_frame is not None:
             self.on_frame((now_s, identifier, data, "node"))
@@ -302,32 +294,14 @@ class TimedLine(Generic[Cargo]):
             raise can.CanOperationError("the controller is in the state bus-off")
 
     def ahead_s(self, tick: int, stamps: bool = False) -> float:
-        """Lead of the host's clock over virtual time.
-
-        Parameters
-        ----------
-        tick : int
-        stamps : bool
-            Of the clock that stamps frames.
-
-        Returns
-        -------
-        float, s
-            0 before the jump.
-        """
+        """Lead of the host's clock, or with ``stamps`` of the one that stamps frames, over virtual time; 0 before the jump."""
         faults = self.faults
         if faults.clock_jump_at_s is None or tick / self._per_second < faults.clock_jump_at_s:
             return 0.0
         return faults.clock_jump_s if stamps or not faults.stamps_only else 0.0
 
     def carry(self, direction: Direction, identifier: int, cargo: Cargo, tick: int) -> list[Cargo]:
-        """Put a frame in.
-
-        Returns
-        -------
-        list of Cargo
-            Frames that arrive now, before all else this one.
-        """
+        """Put a frame in; the frames that arrive now, before all else this one."""
         faults, now_s = self.faults, tick / self._per_second
         if _during(now_s, faults.off_from_s, faults.off_until_s) or _during(now_s, faults.silent_from_s, faults.silent_until_s):
             return []

@@ -60,30 +60,12 @@ class Guidance:
         machine.control(controlword)
 
     def pass_tick(self, controlword: int, now_s: float) -> None:
-        """The stage may be on by now.
-
-        Parameters
-        ----------
-        controlword : int
-            The last one.
-        now_s : float
-        """
+        """The stage may be on by now."""
         if self._on_at_s is not None and now_s >= self._on_at_s:
             self._machine.control(controlword)
 
     def brake(self, controlword: int) -> float:
-        """Torque setpoint of a tick while ``ramping``.
-
-        Parameters
-        ----------
-        controlword : int
-            To follow once the ramp is done.
-
-        Returns
-        -------
-        float, N m
-            Motor shaft.
-        """
+        """Torque setpoint of a tick while ``ramping``, N m, motor shaft; the controlword is followed once the ramp is done."""
         torque_nm = self._stop.step()
         if self._stop.done:
             self.ramping = False
@@ -202,13 +184,7 @@ class DriveStateMachine:
             self._go(15, DriveState.SWITCH_ON_DISABLED)
 
     def fault(self, coast: bool) -> None:
-        """A fault: transition 13, and 14 at once with ``coast`` or when the stage is off.
-
-        Parameters
-        ----------
-        coast : bool
-            The stage must not brake.
-        """
+        """A fault: transition 13, and 14 at once with ``coast`` or when the stage is off."""
         if self.state == DriveState.FAULT:
             return
         must_brake = self.powered and not coast

@@ -65,13 +65,7 @@ class Nmt:
         self._heartbeat_deadline: float | None = None
 
     def command(self, data: bytes) -> None:
-        """A frame with identifier 0.
-
-        Parameters
-        ----------
-        data : bytes
-            Command specifier, node; node 0 is all.
-        """
+        """A frame with identifier 0: command specifier, then the node, 0 for all."""
         if len(data) != 2 or data[1] not in (0, self._node_id) or self.state == BOOTING:
             return
         if data[0] in _STATE_AFTER:

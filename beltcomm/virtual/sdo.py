@@ -185,18 +185,7 @@ class BlockDownload:
         self.done = False
 
     def take(self, request: bytes) -> list[bytes]:
-        """A segment, or the end of the transfer.
-
-        Parameters
-        ----------
-        request : bytes
-            8 bytes.
-
-        Returns
-        -------
-        list of bytes
-            Answers, empty within a block.
-        """
+        """A segment, or the end of the transfer; answers, none within a block."""
         if self._complete:
             return self._end(request)
         number = request[0] & 0x7F
@@ -244,18 +233,7 @@ class BlockUpload:
         self.done = False
 
     def take(self, request: bytes) -> list[bytes]:
-        """Start of the transfer, acknowledgement of a block, or of the end.
-
-        Parameters
-        ----------
-        request : bytes
-            8 bytes.
-
-        Returns
-        -------
-        list of bytes
-            A block, its end, or nothing.
-        """
+        """Start of the transfer, acknowledgement of a block, or of the end; answered with a block, its end, or nothing."""
         command = request[0]
         if self._ending and command == 0xA1:
             self.done = True

@@ -185,13 +185,7 @@ class Judge:
         return [name for name in self.model.parameters if name not in self._names.values()]
 
     def judge(self, move: Recording) -> JudgedMove:
-        """One more move held against the fit of the run.
-
-        Raises
-        ------
-        DataError
-            For one that holds nothing that counts.
-        """
+        """One more move held against the fit of the run; raises DataError for one that holds nothing that counts."""
         data = self.prepared([move])
         values = sum(len(piece.value_samples) for piece in data.fitted)
         if values < FEWEST_VALUES:
@@ -260,17 +254,7 @@ class Judge:
         return sorted(found, key=lambda one: -one[2])[:SUSPECTS]
 
     def start_of(self, position: float) -> float | None:
-        """Carriage position at a position of the drive, as in the run; None where the run does not tell or that is off the travel.
-
-        Parameters
-        ----------
-        position : float, rad, motor shaft
-            As the drive's log has it.
-
-        Returns
-        -------
-        float or None, m
-        """
+        """Carriage position, m, at a position of the drive, as in the run; None where the run does not tell or that is off the travel."""
         ratio = self.model.get("transmission.ratio")
         if self.zero_m is None or not ratio:
             return None

@@ -41,13 +41,7 @@ class ProcessTorque:
     time_interval: float = field(default=0.0, compare=False)
 
     def pole(self, sample_s: float) -> float:
-        """ρ.
-
-        Parameters
-        ----------
-        sample_s : float, s
-            Sampling period.
-        """
+        """ρ."""
         return math.exp(-sample_s / self.time_s) if self.time_s > 0.0 else 0.0
 
 

@@ -57,19 +57,8 @@ class Observer:
     torque: Array
 
     def white(self, torque: Array, keep: BoolArray) -> Array:
-        """First-order change of the innovations, over their deviation.
-
-        Parameters
-        ----------
-        torque : ndarray, N m, (n,) or (n, k)
-            Changes of the residual.
-        keep : ndarray of bool, (n,)
-            Samples that count; the others are passed over.
-
-        Returns
-        -------
-        ndarray
-            Of the shape of ``torque``.
+        """First-order change of the innovations, over their deviation, by changes of the residual, N m, (n,) or (n, k), at the samples to
+        keep.
         """
         w = self.watch
         columns = np.ascontiguousarray(torque if torque.ndim == 2 else torque[:, None])
@@ -77,16 +66,7 @@ class Observer:
         return out if torque.ndim == 2 else out[:, 0]
 
     def knows(self, seen: Observation, model: Model, vector: Array) -> bool:
-        """True if this is what it was worked out with.
-
-        Parameters
-        ----------
-        seen : Observation
-            Compared by identity.
-        model : Model
-        vector : ndarray, SI
-            Parameters.
-        """
+        """True if this is what it was worked out with; ``seen`` is compared by identity."""
         same = seen.motion is self.motion and seen.torque is self.torque and model.effects == self.model.effects
         return same and np.allclose(vector, self.model.vector(), rtol=1e-12, atol=0.0)
 

@@ -126,15 +126,7 @@ def power(x: float, y: float) -> float:
 
 @numba.njit(error_model="numpy", fastmath={"contract", "reassoc"})  # the sum in as many parts as stand in a register
 def waves(angle: float, orders: Array, sizes: Array, phases: Array) -> float:
-    """Σ size_k sin(order_k angle + phase_k); fastest for m a multiple of 4.
-
-    Parameters
-    ----------
-    angle : float, rad
-    orders : ndarray, (m,)
-    sizes : ndarray, (m,)
-    phases : ndarray, (m,), rad
-    """
+    """Σ size_k sin(order_k angle + phase_k); fastest for m a multiple of 4."""
     total = 0.0
     for k in range(orders.shape[0]):
         total += sizes[k] * sin(orders[k] * angle + phases[k])
@@ -147,13 +139,7 @@ _math.__dict__.update(sin=sin, cos=cos, exp=exp, pow=power)
 
 
 def fast(law: Callable[..., Any]) -> Callable[..., Any]:
-    """The law, and every compiled function that it calls, on the functions of this module.
-
-    Parameters
-    ----------
-    law : callable
-        Of plain floats, compiled or not.
-    """
+    """The law, and every compiled function that it calls, on the functions of this module."""
     plain = getattr(law, "py_func", law)
     seen = {name: plain.__globals__[name] for name in plain.__code__.co_names if name in plain.__globals__}
     for name, value in seen.items():

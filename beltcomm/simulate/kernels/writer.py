@@ -130,11 +130,7 @@ class Writer:
     def masked_kernel(cls, effects: Iterable[Effect], *, in_vectors: bool = False) -> Writer:
         """A masked kernel that knows these effects, on the parameter vector and the switches of the whole catalogue.
 
-        Parameters
-        ----------
-        effects : iterable of Effect
-        in_vectors : bool
-            Whether its variables are those of eight models, and its laws such of ``branchless``.
+        With ``in_vectors`` its variables are those of eight models, and its laws such of ``branchless``.
         """
         writer = cls.__new__(cls)
         writer.masked, writer.in_vectors = True, in_vectors
@@ -166,14 +162,7 @@ class Writer:
         return group(lines, {f"s{self.switch[name]}" for name in USUAL})
 
     def with_body(self, i: int, lines: list[str]) -> list[str]:
-        """Lines that count only when body i is there.
-
-        Parameters
-        ----------
-        i : int
-            Number of the body, 0 for the motor.
-        lines : list of str
-        """
+        """Lines that count only when body i, 0 for the motor, is there."""
         name = self.bodies[i][1].name
         if not self.masked or i == 0:
             return lines
@@ -188,14 +177,9 @@ class Writer:
     # -- names ------------------------------------------------------------------------------------------------------------------
 
     def law(self, function: Callable[..., object], in_lanes: bool = False) -> str:
-        """Name of a law in the module.
+        """Name of a law, of an effect or of the kernels' pieces, in the module.
 
-        Parameters
-        ----------
-        function : callable
-            Of an effect or of the kernels' pieces.
-        in_lanes : bool
-            For a loop over samples that do not know each other, on ``fast_math``.
+        ``in_lanes``: for a loop over samples that do not know each other, on ``fast_math``.
         """
         name = f"{function.__module__.rsplit('.', 1)[1]}__{function.__name__}"
         self.laws[name] = function
@@ -204,13 +188,7 @@ class Writer:
         return name
 
     def arguments(self, effect: Effect) -> str:
-        """Arguments of a law behind those of its slot.
-
-        Returns
-        -------
-        str
-            Begins with a comma; "" for none.
-        """
+        """Arguments of a law behind those of its slot, beginning with a comma; "" for none."""
         names = [*effect.full_names(), *effect.uses]
         local = {BELT_STIFFNESS: ", k_belt", BELT_DAMPING: ", d_belt"}
         value = "p{}" if self.masked else "p[{}]"
@@ -253,18 +231,7 @@ class Writer:
     # -- forces -----------------------------------------------------------------------------------------------------------------
 
     def driving_end(self, speed: str) -> list[str]:
-        """u, du and the lever of the end that drives the belt.
-
-        Parameters
-        ----------
-        speed : str
-            Letter of the kernel's speeds.
-
-        Returns
-        -------
-        list of str
-            Lines that set them.
-        """
+        """Lines that set u, du and the lever of the end that drives the belt."""
         angle, rate = "q0", f"{speed}0"
         lines = []
         if self.driven is not None and not self.masked:
@@ -522,49 +489,16 @@ class Writer:
     # -- how a stretch begins ---------------------------------------------------------------------------------------------------
 
     def start(self, i: int) -> str:
-        """Position of body i when the belt is not stretched and the motor is at ``q0``.
-
-        Parameters
-        ----------
-        i : int
-            Number of the body.
-
-        Returns
-        -------
-        str
-            Expression.
-        """
+        """Position of body i when the belt is not stretched and the motor is at ``q0``."""
         rotary = self.bodies[i][1].rotary
         return "q0" if rotary == self.bodies[0][1].rotary else "u"
 
     def follow(self, i: int) -> str:
-        """Speed of body i when it goes with the motor.
-
-        Parameters
-        ----------
-        i : int
-            Number of the body.
-
-        Returns
-        -------
-        str
-            Expression.
-        """
+        """Speed of body i when it goes with the motor."""
         return "first" if self.bodies[i][1].rotary == self.bodies[0][1].rotary else "lever * first"
 
     def assemble(self, functions: list[list[str]]) -> str:
-        """The module: imports, compiled laws, functions, and a hash of all laws (a changed law must not meet old machine code).
-
-        Parameters
-        ----------
-        functions : list of list of str
-            Lines of each.
-
-        Returns
-        -------
-        str
-            Python source.
-        """
+        """The module: imports, compiled laws, functions, and a hash of all laws (a changed law must not meet old machine code)."""
         body = "\n\n\n".join("\n".join(part) for part in functions)
         imports = [f"from {law.__module__} import {law.__name__} as _{name}" for name, law in sorted(self.laws.items())]
         single = "in_vectors(_{0})" if self.in_vectors else "within_kernels(getattr(_{0}, 'py_func', _{0}))"
