@@ -330,7 +330,3 @@ def _ratio(objects: Objects, index: int) -> float:
     if numerator == 0 or divisor == 0:
         raise DriveError(f"object {index:04X}h is {numerator}/{divisor}; set the drive's units with the maker's tool first")
     return numerator / divisor
-
-
-def _ratio_or_one(objects: Objects, index: int) -> float:
-    return 1.0 if objects.read_if_there(index, 1, "uint32") is None else _ratio(objects, index)
