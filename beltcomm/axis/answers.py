@@ -44,7 +44,7 @@ USUAL: Mapping[str, tuple[float, float]] = {
 Kind = Literal["axes", "motors"]
 
 
-def _usual_range(entry: str, kind: str = "") -> tuple[float, float]:
+def _usual_range(entry: str, kind: str) -> tuple[float, float]:
     """Range that most axes of a kind have, SI or degrees, for an entry as their files name it."""
     own = KINDS.get(kind)
     if own is not None and entry in own.renamed:
@@ -73,7 +73,7 @@ def usual(entry: str, value: float, kind: str = "") -> bool:
     return low <= value <= high
 
 
-def usual_words(entry: str, kind: str = "") -> str:
+def usual_words(entry: str, kind: str) -> str:
     """The usual range, in the units that people think in.
 
     Parameters

@@ -220,7 +220,7 @@ class Display:
         yield Text.assemble(INDENT, ("#" * full, "green"), ("-" * (length - full), "dim"), "  ", after)
 
 
-def _gauge_line(gauge: Gauge, width: int, peak: float = 0.0) -> Text:
+def _gauge_line(gauge: Gauge, width: int, peak: float) -> Text:
     """``torque   [####..|...]  0.23 of 3.1 N m, peak 0.3``: its bar is as full as the limit is reached."""
     before = f"{INDENT}{tr(gauge.name):<8} ["
     after = f"]  {_digits(gauge, gauge.value)} {tr('of')} {three_digits(gauge.limit)} {gauge.unit}"

@@ -216,7 +216,7 @@ def close_first_loop(machine: Machine, findings: Findings, model: Model, *, ask:
     return close_loop(machine, findings, model, *first_cascade(machine, findings, model, machine.position_m), ask=ask)
 
 
-def closed_for(machine: Machine, findings: Findings, model: Model, *, ask: bool = False) -> None:
+def closed_for(machine: Machine, findings: Findings, model: Model, *, ask: bool) -> None:
     """A loop for strokes: a first one, or where nobody can write the gains the one that stands in the drive.
 
     Parameters

@@ -237,7 +237,7 @@ def _hard_acceleration_m_s2(machine: Machine, model: Model) -> float:
     return HARD_SHARE * min(machine.axis.limits.acceleration_m_s2 or math.inf, machine.belt_left_n / mass, by_torque)
 
 
-def _stoppable_path(machine: Machine, loop: Closed, step: Step, course: Course, at_m: float, pace: float = 1.0) -> Trajectory:
+def _stoppable_path(machine: Machine, loop: Closed, step: Step, course: Course, at_m: float, pace: float) -> Trajectory:
     """The path of a step, slowed down until every stop ends inside the travel and moves keep the belt's force."""
 
     def plan(share: float) -> Trajectory:

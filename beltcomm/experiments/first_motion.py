@@ -100,7 +100,7 @@ class ConfirmedBounds:
 
 
 def confirm_first_motion(
-    hardware: Hardware, axis: Axis, plan: Plan, options: Options, talk: Talk, units: Mapping[str, float] | None = None
+    hardware: Hardware, axis: Axis, plan: Plan, options: Options, talk: Talk, units: Mapping[str, float] | None
 ) -> None:
     """Ask a person, or take ``options.first_motion``, where this computer has not moved this drive on this axis as far as ``plan`` does.
 

@@ -39,7 +39,7 @@ _SHOWN = (
 )
 
 
-def _fit_three_masses(run: Path, *, command: str = "", when: str = "", talk: Talk | None = None) -> Result:
+def _fit_three_masses(run: Path, *, command: str, when: str, talk: Talk | None) -> Result:
     """Two and three masses fitted to all records of a run.   Exit code 1 and nothing written where they do not hold a third mass.
 
     Raises UsageError without the belt's data, DataError.

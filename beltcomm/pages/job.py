@@ -96,7 +96,7 @@ def report(run: Path, *, against: Path | None = None, out: Path | None = None, t
     return Result({**data, "page": None if problems else str(where)}, text, UsageError.exit_code if problems else 0)
 
 
-def _page_of(found: Gathered, before: Gathered | None = None) -> Page:
+def _page_of(found: Gathered, before: Gathered | None) -> Page:
     """The whole page."""
     changed = changes.compared(before, found) if before is not None else []
     first_part = [changes.section(before, found, changed)] if before is not None else []
@@ -126,7 +126,7 @@ def _page_of(found: Gathered, before: Gathered | None = None) -> Page:
     )
 
 
-def _numbers_of(found: Gathered, page: Page, before: Gathered | None = None) -> dict[str, Any]:
+def _numbers_of(found: Gathered, page: Page, before: Gathered | None) -> dict[str, Any]:
     """Numbers of the page, for programs."""
     comparison = found.comparison
     doubts = found.laboratory.sheets if found.laboratory is not None else ()

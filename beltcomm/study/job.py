@@ -158,7 +158,7 @@ def _is_gone(line: Line, asked: Study) -> bool:
     return line["values"]["run"] not in asked.runs
 
 
-def one_member(file: str | Path, number: int, *, doing: Doing, out: Path | None = None) -> Result:
+def one_member(file: str | Path, number: int, *, doing: Doing, out: Path | None) -> Result:
     """One member again, as any worker computes it.
 
     Parameters
