@@ -259,13 +259,7 @@ class Writer:
         return [*lines, "lever = ratio * gain", f"u = ratio * ({angle} + ahead)", f"du = lever * {rate}"]
 
     def forces(self, speed: str) -> list[str]:
-        """f_i from positions q_i and speeds ``speed``_i; ``strand`` is the belt force between driven end and carriage.
-
-        Parameters
-        ----------
-        speed : str
-            Letter of the kernel's speeds.
-        """
+        """f_i from positions q_i and speeds ``speed``_i; ``strand`` is the belt force between driven end and carriage."""
         count = range(len(self.bodies))
         lines = [f"f{i} = 0.0" for i in count] + ["strand = 0.0", "pull = 0.0", f"x = {self.carriage()}"]
         lines += self.driving_end(speed)
@@ -281,14 +275,7 @@ class Writer:
         return [*lines, *self.to_driving_end()]
 
     def force(self, effect: Effect, speed: str) -> list[str]:
-        """Force of one effect on its body; what acts on the carriage acts on the driven body of an axis without a belt.
-
-        Parameters
-        ----------
-        effect : Effect
-        speed : str
-            Letter of the kernel's speeds.
-        """
+        """Force of one effect on its body; what acts on the carriage acts on the driven body of an axis without a belt."""
         assert effect.law is not None
         law, rest = self.law(effect.law), f"t{self.arguments(effect)}"
         lever, angle, rate = ("ratio * ", "ratio * q0", f"ratio * {speed}0") if self.bodies[0][1].rotary else ("", "q0", f"{speed}0")
@@ -353,15 +340,7 @@ class Writer:
     # -- friction ---------------------------------------------------------------------------------------------------------------
 
     def levels(self, speed: str, wanted: range) -> list[str]:
-        """l_i for every wanted body that has set-valued friction; after ``forces``.
-
-        Parameters
-        ----------
-        speed : str
-            Letter of the kernel's speeds.
-        wanted : range
-            Numbers of bodies.
-        """
+        """l_i for every wanted body that has set-valued friction; after ``forces``."""
         lines = []
         for i in wanted:
             if not self.has_level(i):
@@ -376,23 +355,11 @@ class Writer:
         return lines
 
     def has_level(self, i: int) -> bool:
-        """True if body i has set-valued friction.
-
-        Parameters
-        ----------
-        i : int
-            Number of the body.
-        """
+        """True if body i has set-valued friction."""
         return bool(self.with_level(i))
 
     def with_level(self, i: int) -> list[Effect]:
-        """Effects that give body i set-valued friction.
-
-        Parameters
-        ----------
-        i : int
-            Number of the body.
-        """
+        """Effects that give body i set-valued friction."""
         return [e for e in self.effects if e.slot in ("friction_level", "load_friction") and self.number.get(e.body) == i]
 
     def onsets(self) -> dict[int, Effect]:
@@ -400,33 +367,15 @@ class Writer:
         return {self.number[e.body]: e for e in self.effects_of_slot("friction_onset") if e.body in self.number}
 
     def turn(self, i: int, step: str) -> str:
-        """Line that turns the friction of body i round over a step.
-
-        Parameters
-        ----------
-        i : int
-            Number of the body.
-        step : str
-            Expression in m at the belt.
-        """
+        """Line that turns the friction of body i round over a step, an expression in m at the belt."""
         effect = self.onsets()[i]
         assert effect.law is not None
         return f"z{i} = {self.law(effect.law)}({step}, z{i}{self.arguments(effect)})"
 
     def kick(self, torque: str) -> list[str]:
-        """New velocities of all bodies of a forward kernel; leaves f_i, strand and l_i of the second pass.
+        """Lines for new velocities of all bodies of a forward kernel under a torque, N m; leaves f_i, strand and l_i of the second pass.
 
         One text for both passes, in the first of which the mean of old and new is the old velocity: half as much to compile.
-
-        Parameters
-        ----------
-        torque : str
-            Expression of the torque at the motor, N m.
-
-        Returns
-        -------
-        list of str
-            Lines.
         """
         everyone = range(len(self.bodies))
         step = [f"w{i} = 0.5 * (v{i} + g{i})" for i in everyone] + self.forces("w") + self.levels("w", everyone)
