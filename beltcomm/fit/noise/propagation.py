@@ -280,22 +280,6 @@ def _path(
     return _with_dead_time(_read_late(path, reading_s), dead_s, lag_s)
 
 
-def with_states_in_front(covariance: Array, number: int = 1) -> Array:
-    """A covariance of states, (k, k) or ``NoisePath.begins``, with more of them in front, 0 at the first sample.
-
-    Parameters
-    ----------
-    covariance : ndarray (k, k, ...)
-        Of a path's states.
-    number : int
-        Of states in front.
-    """
-    size = len(covariance) + number  # not by ``numpy.pad``, which takes ten times as long
-    found = np.zeros((size, size, *covariance.shape[2:]))
-    found[number:, number:] = covariance
-    return found
-
-
 def _read_late(path: NoisePath, time_s: float) -> NoisePath:
     """The path where the torque is read behind a lag: rounding reaches the residual smoothed, noise of the torque as before.
 

@@ -37,7 +37,6 @@ from beltcomm.simulate.kernels.observer import (
     TOUCHED,
     contact,
     expected_innovation,
-    kernel_arguments,
     observe,
     take_correction,
 )
@@ -415,7 +414,7 @@ class Writer:
         """Corrects the bodies behind the motor at the end of every sample, by what the torque says of them; ``observer``."""
         correct = []
         for i in range(1, len(self.bodies)):
-            at = f"see_places[{i}], {kernel_arguments(TAKEN)}"
+            at = f"see_places[{i}], {_kernel_arguments(TAKEN)}"
             correct += [f"place, speed = {self.law(take_correction)}({at})", f"q{i} -= place", f"v{i} -= speed", f"o{i} -= speed"]
         sample = [
             "before = k // see_substeps - 1",
@@ -425,12 +424,12 @@ class Writer:
             "see_left[before] = left",
             "if see_learning:",
             "    see_shares[before] = see_held[before] * (shut / inside)",
-            f"innovation = {self.law(expected_innovation)}(before, left, {kernel_arguments(EXPECTED)})",
+            f"innovation = {self.law(expected_innovation)}(before, left, {_kernel_arguments(EXPECTED)})",
             "if see_learning:",
-            f"    {self.law(learn)}(before, innovation, {kernel_arguments(LEARNED)})",
-            f"{self.law(observe)}(before, innovation, {kernel_arguments(OBSERVED)})",
+            f"    {self.law(learn)}(before, innovation, {_kernel_arguments(LEARNED)})",
+            f"{self.law(observe)}(before, innovation, {_kernel_arguments(OBSERVED)})",
             *correct,
-            f"q{self.cart} -= {self.law(contact)}(before, lever, u - q{self.cart}, {kernel_arguments(TOUCHED)})",
+            f"q{self.cart} -= {self.law(contact)}(before, lever, u - q{self.cart}, {_kernel_arguments(TOUCHED)})",
             "inside, shut = 0, 0.0",
         ]
         return ["if watched and k > 0:", "    inside += 1", "    shut += closed", "    if inside == see_substeps:", *indent(sample, 2)]
@@ -467,3 +466,8 @@ class Writer:
         if self.in_vectors:
             made_of, modules = [*made_of, brought, advance_sample], [*modules, branchless.__name__]
         return "\n".join(head) + "\n\n\n" + body + f"\n# {fingerprint(made_of, modules)}\n"
+
+
+def _kernel_arguments(fields: Sequence[str]) -> str:
+    """Arguments of a call, as the generated kernel names the fields of its ``ObserverState``."""
+    return ", ".join(f"see_{field}" for field in fields)
