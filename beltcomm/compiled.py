@@ -79,11 +79,6 @@ def in_lanes(function: Callable[_P, _R]) -> Callable[_P, _R]:
     ----------
     function : callable
         Of numbers and arrays.
-
-    Returns
-    -------
-    callable
-        The same call.
     """
     return cast("Callable[_P, _R]", _kept(numba.njit(**_LANES)(function)))
 
@@ -156,11 +151,6 @@ def in_one_thread(function: Callable[_P, _R]) -> Callable[_P, _R]:
     ----------
     function : callable
         Of any signature.
-
-    Returns
-    -------
-    callable
-        The same call.
     """
 
     @wraps(function)

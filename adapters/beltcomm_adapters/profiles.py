@@ -215,11 +215,6 @@ def load_profile(name: str) -> Profile:
     name : str
         Of a shipped one, or a path.
 
-    Returns
-    -------
-    Profile
-        Checked.
-
     Raises
     ------
     UsageError

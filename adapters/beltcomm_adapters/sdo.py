@@ -339,17 +339,12 @@ def _if_there(read: Callable[[], _Result]) -> _Result | None:
 
 
 def abort_text(code: int) -> str:
-    """Meaning of an abort code.
+    """Meaning of an abort code, with the code behind it.
 
     Parameters
     ----------
     code : int
         CiA 301, table 22.
-
-    Returns
-    -------
-    str
-        With the code behind it.
     """
     return f"{SdoAbortedError.CODES.get(code, 'no standard text')} (abort code {code:08X}h)"
 

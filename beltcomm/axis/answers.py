@@ -63,11 +63,6 @@ def usual(entry: str, value: float, kind: str = "") -> bool:
         In the unit of the entry's name.
     kind : str
         Kind of axis; "" for a belt.
-
-    Returns
-    -------
-    bool
-        For an entry of any kind.
     """
     low, high = _usual_range(entry, kind)
     return low <= value <= high
@@ -101,11 +96,6 @@ def in_words(name: str, value: float) -> str:
         Of the entry, with its unit as suffix.
     value : float, SI
         Of the entry.
-
-    Returns
-    -------
-    str
-        Value and unit.
     """
     if name == "encoder_counts_per_rev":
         bits = math.log2(value) if value > 0.0 else 0.0

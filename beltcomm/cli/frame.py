@@ -132,11 +132,6 @@ class Invocation:
         ----------
         command : callable
             Its exit code counts where it returns one.
-
-        Returns
-        -------
-        int
-            Exit code.
         """
         code = self._guarded(command)
         if self._traces is not None:

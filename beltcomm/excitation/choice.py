@@ -59,11 +59,6 @@ class PeriodicChoice:
             Of the drive.
         torque_step_nm : float, N m
             In which the drive takes torque; 0 for none.
-
-        Returns
-        -------
-        Excitation
-            As :meth:`PrbsChoice.excitation`.
         """
         return self.signal(amplitude_nm, sample_period_s, self.repeats, torque_step_nm=torque_step_nm)
 

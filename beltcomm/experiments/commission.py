@@ -283,11 +283,6 @@ def close_loop(machine: Machine, findings: Findings, model: Model, cascade: Casc
     ask : bool
         Before a loop with thin margins is closed.
 
-    Returns
-    -------
-    Cascade
-        As given.
-
     Raises
     ------
     Refused

@@ -323,11 +323,6 @@ def plausibility(holding: Holding, model: Model, axis: Axis) -> list[str]:
         With the carriage's mass, kg.
     axis : Axis
         With its tilt, deg.
-
-    Returns
-    -------
-    list of str
-        One line, indented.
     """
     mass, tilt = model.parameters["cart.mass"], axis.mounting.tilt_deg
     would = gravity.holding_torque_nm(axis, mass.value, tilt)

@@ -114,11 +114,6 @@ def band_limited_errors(data: Data, fitted: Fitted, band_hz: float) -> list[Band
         The model that is judged.
     band_hz : float, Hz
         Edge of the band.
-
-    Returns
-    -------
-    list of Banded
-        One for each segment.
     """
     pieces = (*data.fitted, *data.held_out)
     vector = fitted.model.vector()

@@ -162,11 +162,6 @@ def fit_of(
         Fall of O in an iteration that is not worth another.
     goal : float
         O at which the search may end.
-
-    Returns
-    -------
-    Fitted
-        The minimum.
     """
     if needs_observer(problem.model):  # then an observer knows itself how the carriage may stand at first
         return _fit_with_observers(problem, data, iterations, fixed, enough, goal)

@@ -363,11 +363,6 @@ def with_whitener(piece: Segment, model: Model) -> Segment:
         With its noise.
     model : Model
         By which the noise is passed on to the residual.
-
-    Returns
-    -------
-    Segment
-        With a whitener of its own.
     """
     worked_out = whitener_of(piece, model)
     kept = worked_out.deviations[piece.keep]

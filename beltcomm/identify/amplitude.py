@@ -371,11 +371,6 @@ def half_friction(model: Model) -> Model:
     ----------
     model : Model
         With friction.
-
-    Returns
-    -------
-    Model
-        A new model.
     """
     return model.with_values(_scale_values(model, _friction_names(model), 0.5))
 

@@ -317,11 +317,6 @@ def begun_best(
     progress : callable
         Told the share that is done, 0 to 1.
 
-    Returns
-    -------
-    FinalModel
-        With its reason.
-
     Raises
     ------
     DataError
@@ -418,11 +413,6 @@ def by_position(model: Model, axis: Axis, recordings: Sequence[Recording], place
         For the places of their records.
     places : mapping of str to PlaceStiffness
         By record.
-
-    Returns
-    -------
-    Model
-        Start values of a fit.
 
     Raises
     ------

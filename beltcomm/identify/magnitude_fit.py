@@ -293,11 +293,6 @@ def chosen_lines(response: FrequencyResponse, n_lines: int, highest_share: float
     highest_share : float
         Of the sampling frequency, up to which lines count.
 
-    Returns
-    -------
-    FrequencyResponse
-        Those lines alone.
-
     Raises
     ------
     DataError

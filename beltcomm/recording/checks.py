@@ -182,11 +182,6 @@ def reference_unit_fault(signal: Array, reference: Array) -> str:
     ----------
     signal, reference : ndarray, (n,)
         Measured and asked for.
-
-    Returns
-    -------
-    str
-        "" when they agree or nothing can be told.
     """
     measured, asked = signal - signal.mean(), reference - reference.mean()
     return unit_words(_quotient(measured, asked, 0.98), "reference", "signal")
@@ -432,11 +427,6 @@ def velocity_unit_fault(t_s: Array, position: Array, velocity: Array) -> str:
     ----------
     t_s, position, velocity : ndarray, (n,)
         s, and any units.
-
-    Returns
-    -------
-    str
-        The fault, or "".
     """
     cuts = np.unique(np.linspace(0, len(t_s) - 1, 101).astype(int))
     integral = np.concatenate(([0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(t_s))))

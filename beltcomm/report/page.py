@@ -276,11 +276,6 @@ def render(page: Page) -> str:
     ----------
     page : Page
         Its parts, in their order.
-
-    Returns
-    -------
-    str
-        With style and script inside.
     """
     from jinja2 import Environment, StrictUndefined
 

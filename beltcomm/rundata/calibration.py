@@ -205,11 +205,6 @@ def keep_for_kind(found: Calibration) -> str:
     ----------
     found : Calibration
         Constants of this drive.
-
-    Returns
-    -------
-    str
-        In words, what became of it.
     """
     path = _store_of(found.kind)
     try:

@@ -341,11 +341,6 @@ def unfitted(folder: RunFolder) -> list[str]:
     Parameters
     ----------
     folder : RunFolder
-
-    Returns
-    -------
-    list of str
-        Names.
     """
     rung = current_revision(folder)
     noted = (folder.load_result("fit") or {}).get(RECORDS) if rung is None else [Path(name).stem for name in rung.data]

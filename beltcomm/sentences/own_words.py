@@ -244,11 +244,6 @@ def own_words(command: Callable[P, Result]) -> Callable[P, Result]:
     ----------
     command : callable
         With an axis or a run among its arguments.
-
-    Returns
-    -------
-    callable
-        The same call.
     """
     signature = inspect.signature(command)
 
@@ -284,11 +279,6 @@ def about_run(*, waits: bool = True) -> Callable[[Callable[P, Result]], Callable
     ----------
     waits : bool
         True if it waits for another command in the run to end.
-
-    Returns
-    -------
-    callable
-        Decorator.
     """
 
     def made(command: Callable[P, Result]) -> Callable[P, Result]:

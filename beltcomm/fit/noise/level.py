@@ -214,11 +214,6 @@ def error_floor_words(ratio: float) -> str:
     ----------
     ratio : float
         Error over the noise.
-
-    Returns
-    -------
-    str
-        A sentence, or "".
     """
     if ratio >= TOO_LITTLE:
         return ""
@@ -237,11 +232,6 @@ def noise_doubt(ratio: float, recordings: Sequence[Recording]) -> str:
         Error over the noise.
     recordings : sequence of Recording
         That it is of.
-
-    Returns
-    -------
-    str
-        A sentence, or "".
     """
     return _noise_untold(recordings) or error_floor_words(ratio)
 

@@ -273,11 +273,6 @@ def tuned_observers(followers: Sequence[Observer]) -> list[Observer]:
     ----------
     followers : sequence of Observer
         One for each segment.
-
-    Returns
-    -------
-    list of Observer
-        In their order.
     """
     vectors = [observer.model.vector() for observer in followers]
     motions = [true_motion(observer.model, observer.motion, vector) for observer, vector in zip(followers, vectors, strict=True)]

@@ -73,11 +73,6 @@ def with_observer(segment: Segment, model: Model) -> Segment:
         With its noise.
     model : Model
         That it is made for.
-
-    Returns
-    -------
-    Segment
-        A new one.
     """
     return with_observers([segment], [model])[0]
 
@@ -91,11 +86,6 @@ def with_observers(segments: Sequence[Segment], models: Sequence[Model]) -> list
         With their noise.
     models : sequence of Model
         One for each.
-
-    Returns
-    -------
-    list of Segment
-        In their order.
     """
     if not models or not needs_observer(models[0]):
         return [segment if segment.observer is None else replace(segment, observer=None) for segment in segments]

@@ -82,10 +82,5 @@ def fine(position: Array, step: float) -> bool:
         As it was read.
     step : float, rad
         q, step of the encoder.
-
-    Returns
-    -------
-    bool
-        For the whole record.
     """
     return step * math.sqrt(0.5) < ROUNDING_SHARE * float(np.std(np.diff(position, 2)))

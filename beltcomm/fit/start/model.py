@@ -42,11 +42,6 @@ def start_model(axis: Axis, recordings: Sequence[Recording]) -> Model:
     axis : Axis
     recordings : sequence of Recording
 
-    Returns
-    -------
-    Model
-        Start values of a fit.
-
     Raises
     ------
     DataError
@@ -140,11 +135,6 @@ def belt_start(axis: Axis, excited: Sequence[Recording], counts_per_rev: int) ->
         One at least.
     counts_per_rev : int
         Of the encoder.
-
-    Returns
-    -------
-    Model
-        Start values of a fit.
     """
     record = max(excited, key=lambda r: float(np.std(r.torque)) * np.sqrt(len(r.t_s)))
     if axis.rigid:

@@ -51,11 +51,6 @@ def acting_recordings(recordings: Sequence[Recording], path: TorquePath | None) 
         As the drive reported them.
     path : TorquePath or None
         None takes the reading.
-
-    Returns
-    -------
-    list of Recording
-        In their order.
     """
     return [acting_recording(recording, path) for recording in recordings]
 

@@ -83,11 +83,6 @@ def remarks_on_pairs(names: Sequence[str], items: Sequence[Value], correlation: 
         With intervals.
     correlation : ndarray, (k, k)
         Of their estimates.
-
-    Returns
-    -------
-    list of str
-        A sentence for each pair.
     """
     badly = [item.interval is not None and item.interval > BADLY_KNOWN_SHARE * abs(item.value) for item in items]
     return [

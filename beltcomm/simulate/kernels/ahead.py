@@ -84,11 +84,6 @@ def after_waiting(kernel: Callable[_P, _R]) -> Callable[_P, _R]:
     ----------
     kernel : callable
         Compiled.
-
-    Returns
-    -------
-    callable
-        The same call.
     """
 
     @wraps(kernel)
