@@ -31,7 +31,7 @@ class Equilibrium:
     torque_nm: float
 
 
-def _smooth_forces(model: Model, positions: ArrayLike, speeds: ArrayLike) -> Array:
+def _smooth_forces(model: Model, positions: ArrayLike, speeds: ArrayLike, time_s: float = 0.0) -> Array:
     """Smooth forces on all bodies from the laws themselves, (n,), N m or N."""
     q, v = np.asarray(positions, dtype=float), np.asarray(speeds, dtype=float)
     names = tuple(body.name for _, body in model.bodies())
@@ -43,7 +43,7 @@ def _smooth_forces(model: Model, positions: ArrayLike, speeds: ArrayLike) -> Arr
         values = values_of(model, effect, x)
         if effect.slot == "force" and effect.law is not None:
             j, lever = acts_on(model, effect)
-            total[j] += lever * effect.law(lever * float(q[j]), lever * float(v[j]), 0.0, *values)
+            total[j] += lever * effect.law(lever * float(q[j]), lever * float(v[j]), time_s, *values)
         for element in effect.elements:
             shape = end.shape(element)
             stretch, rate = end.seen(element, float(stretch_of(model, element) @ q), float(shape @ v))
