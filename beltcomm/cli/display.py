@@ -69,7 +69,7 @@ def machine_left(place: CarriagePosition) -> str:
     return "" if place.left_s is None else tr("{s:.0f} s left on the machine", s=place.left_s)
 
 
-def clock_words(seconds: float) -> str:
+def _clock_words(seconds: float) -> str:
     """A time as ``00:41``, minutes and seconds."""
     return f"{int(seconds) // 60:02d}:{int(seconds) % 60:02d}"
 
@@ -188,7 +188,7 @@ class Display:
         moves = self.place is not None
         record = self.place.record if self.place is not None else ""
         title = Text.assemble((f" {self.number} ", "bold"), (self.title, "bold"), f"   {record}" if record else "")
-        passed = clock_words(self._clock() - self._begun_s)
+        passed = _clock_words(self._clock() - self._begun_s)
         if len(title) + len(passed) + 2 <= width:
             title.append(" " * (width - len(title) - len(passed) - 1) + passed)
         title.truncate(width)

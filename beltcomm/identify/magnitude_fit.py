@@ -154,7 +154,7 @@ def fit_magnitude(
         raise UsageError(f"i_t = {transmission_m_rad} m/rad and Θ_e = {inertia_kg_m2} kg m² must be positive")
     if solver not in ("lm", "trf", "nelder-mead"):
         raise UsageError(f"solver {solver!r} is not known; choose lm, trf or nelder-mead")
-    chosen = chosen_lines(response, MOST_LINES, HIGHEST_CONTINUOUS)
+    chosen = _chosen_lines(response, MOST_LINES, HIGHEST_CONTINUOUS)
     measured_db = decibels(chosen.h)
     few = log_spaced_lines(chosen.freq_hz, N_START_LINES, 0.0, HIGHEST_CONTINUOUS / response.sample_period_s)
     starts = _start_values(chosen.freq_hz[few], measured_db[few], transmission_m_rad, inertia_kg_m2)
@@ -281,22 +281,10 @@ def _combined_coefficients(theta: Mapping[str, Array | float], transmission_m_ra
     return total, i2 * (d_m + d_c), inertia * m_c / total, (i2 * m_c * d_m + inertia * d_c) / total
 
 
-def chosen_lines(response: FrequencyResponse, n_lines: int, highest_share: float) -> FrequencyResponse:
-    """Lines up to a share of the sampling frequency that are not noise, thinned to a nearly log-spaced subset.
+def _chosen_lines(response: FrequencyResponse, n_lines: int, highest_share: float) -> FrequencyResponse:
+    """Lines up to a share of the sampling frequency that are not noise, thinned to a nearly log-spaced subset of at most ``n_lines``.
 
-    Parameters
-    ----------
-    response : FrequencyResponse
-        With its noise.
-    n_lines : int
-        At most.
-    highest_share : float
-        Of the sampling frequency, up to which lines count.
-
-    Raises
-    ------
-    DataError
-        When too few are left.
+    Raises DataError when too few are left.
     """
     highest_hz = highest_share / response.sample_period_s
     clear = np.flatnonzero((np.abs(response.h) > 0) & (response.noise <= LARGEST_NOISE * np.abs(response.h)))
@@ -438,7 +426,7 @@ def fit_magnitudes(
         Three-mass model; its Coulomb friction is left out.
     axis : Axis
     """
-    chosen = {name: chosen_lines(r, LINES, HIGHEST_SAMPLED) for name, r in responses.items()}
+    chosen = {name: _chosen_lines(r, LINES, HIGHEST_SAMPLED) for name, r in responses.items()}
     if not chosen:
         return None
     models = [_linear_model(start, axis)]

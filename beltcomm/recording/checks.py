@@ -263,7 +263,7 @@ def slow_work_share(t_s: Array, torque: Array, position: Array) -> float:
     width = max(2, round(SLOW_S / float(even[1] - even[0]))) if len(even) > 1 else 0
     if width == 0 or len(even) < 8 * width:
         return 0.0
-    slow = [running_mean(running_mean(np.interp(even, t_s, signal), width), width) for signal in (torque, position)]
+    slow = [_running_mean(_running_mean(np.interp(even, t_s, signal), width), width) for signal in (torque, position)]
     return _work_share(*slow)
 
 
@@ -378,7 +378,7 @@ def _partial(signal: Array, cause: Array, others: Array) -> float:
     return math.copysign(float(rest @ pull) ** 2 / (float(rest @ rest) * float(pull @ pull)), float(rest @ pull))
 
 
-def running_mean(signal: Array, width: int) -> Array:
+def _running_mean(signal: Array, width: int) -> Array:
     """Mean of each ``width`` values in a row, 1 to n, (n - width + 1,)."""
     total = np.concatenate(([0.0], np.cumsum(signal)))
     return (total[width:] - total[:-width]) / width
@@ -399,7 +399,7 @@ def triangle_mean(signal: Array, width: int) -> Array:
     ndarray, (n - 2 width,)
         In that unit.
     """
-    return running_mean(running_mean(signal, width), width)[1:-1]
+    return _running_mean(_running_mean(signal, width), width)[1:-1]
 
 
 def _in_runs_of_one(signal: Array) -> BoolArray:
