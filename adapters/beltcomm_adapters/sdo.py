@@ -181,7 +181,6 @@ class Objects(ABC):
         Parameters
         ----------
         index, subindex : int
-            Place in the dictionary.
         kind : str
             A key of :data:`beltcomm.drive.objects.TYPES`.
 
@@ -233,7 +232,6 @@ class Objects(ABC):
         Parameters
         ----------
         index, subindex : int
-            Place in the dictionary.
         kind : str
             A key of :data:`beltcomm.drive.objects.TYPES`.
         value : float
@@ -355,7 +353,6 @@ def refusal(index: int, subindex: int, verb: str, code: int) -> ObjectRefused:
     Parameters
     ----------
     index, subindex : int
-        Place in the dictionary.
     verb : str
         What was tried: read, write 3.
     code : int

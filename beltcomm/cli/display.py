@@ -64,7 +64,6 @@ def machine_left(place: CarriagePosition) -> str:
     Parameters
     ----------
     place : CarriagePosition
-        Of the carriage.
     """
     return "" if place.left_s is None else tr("{s:.0f} s left on the machine", s=place.left_s)
 
@@ -82,7 +81,6 @@ def millimetres(position_m: float, place: CarriagePosition) -> str:
     position_m : float, m
         Carriage on the axis.
     place : CarriagePosition
-        Of the carriage.
     """
     value = round(1e3 * position_m)
     unit = place.unit if place.unit == "°" else f" {place.unit}"
@@ -95,7 +93,6 @@ def load_at(place: CarriagePosition) -> str:
     Parameters
     ----------
     place : CarriagePosition
-        Of the carriage.
     """
     return f"{tr(_AT.get(place.load, 'carriage at'))} {millimetres(place.position_m, place)}"
 

@@ -181,7 +181,6 @@ def measured_margins(
         Torque to motor angle, rad/(N m).
     cascade : Cascade
     period_s : float, s
-        Its period.
     dead_time_s : float, s
         Where the response is that from the acting torque.
     record : str

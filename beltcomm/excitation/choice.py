@@ -56,7 +56,6 @@ class PeriodicChoice:
         amplitude_nm : float, N m, motor shaft
             About the mean.
         sample_period_s : float, s
-            Of the drive.
         torque_step_nm : float, N m
             In which the drive takes torque; 0 for none.
         """

@@ -74,7 +74,6 @@ def slowest_share(recording: Recording, counts_per_rev: int) -> float:
     recording : Recording
         Excited around a constant speed.
     counts_per_rev : int
-        Of the encoder.
 
     Returns
     -------

@@ -174,7 +174,6 @@ def learn_gains(
     delay_s : float, s
         Of the torque path.
     standard : StandardMove
-        The standard move.
     payloads_kg : sequence of float, kg
         Further ones that the design holds for.
     """

@@ -154,13 +154,11 @@ def prepare_records(
     noise_nm : float, N m rms
         Of the torque.
     step_rad : float, rad
-        Step of the encoder.
     shares : dict of str to tuple of float
         By record, :func:`_rounding_shares`; all of it white where it is missing.
     usual : int
         Fine steps a sample.
     path : TorquePath
-        Of the torque.
     reversals : bool
         As of :class:`Data`.
     colour : float

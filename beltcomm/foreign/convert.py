@@ -183,7 +183,6 @@ def convert(table: Table, reading: Reading, *, timed: bool = True, turns: Callab
     Parameters
     ----------
     table : Table
-        Columns as they were read.
     reading : Reading
         Mappings, and what is kept and cut.
     timed : bool

@@ -92,7 +92,6 @@ def completed(
     Parameters
     ----------
     table : Table
-        Columns as they were read.
     written : sequence of str
         What the user mapped; nothing is guessed when that and columns with our own names make a recording.
     axis : Axis

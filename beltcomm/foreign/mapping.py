@@ -61,7 +61,6 @@ def sources_for(table: Table, written: Sequence[str], known: Collection[str]) ->
     Parameters
     ----------
     table : Table
-        Columns as they were read.
     written : sequence of str
         One ``column=name*scale`` each.
     known : Collection[str]
@@ -94,7 +93,6 @@ def parse_source(text: str, table: Table, known: Collection[str]) -> Source:
     text : str
         ``OURS=THEIRS*SCALE``.
     table : Table
-        Columns as they were read.
     known : collection of str
         Columns of ours.
 
@@ -263,7 +261,6 @@ def kept_columns(table: Table, names: Sequence[str], sources: Mapping[str, Sourc
     Parameters
     ----------
     table : Table
-        Columns as they were read.
     names : sequence of str
         As the user wrote them, or "all".
     sources : mapping of str to Source

@@ -309,7 +309,6 @@ def largest_amplitude(
     shape : ndarray (n,)
         The record with unit amplitude.
     sample_s : float, s
-        Sampling period.
     position_m : float, m
         Carriage on the axis.
     limits : MotionLimits

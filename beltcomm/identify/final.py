@@ -75,7 +75,6 @@ def final_model(
         Of a run; those held out only judge.
     axis : Axis
     counts_per_rev : int
-        Of the encoder.
     start : Model or None
         In place of the start values found from the excited records.
     progress : callable
@@ -273,7 +272,6 @@ def with_late_torque(found: FinalModel, recordings: Sequence[Recording], axis: A
         That it was fitted to.
     axis : Axis
     counts_per_rev : int
-        Of the encoder.
     """
     late = found.fit.model.with_effect("dead_time", {"time": LATE_S})
     other = _fitted(recordings, axis, counts_per_rev, late)
@@ -294,7 +292,6 @@ def from_records_alone(found: FinalModel, recordings: Sequence[Recording], axis:
         That it was fitted to.
     axis : Axis
     counts_per_rev : int
-        Of the encoder.
     """
     other = _fitted(recordings, axis, counts_per_rev) if _is_doubtful(found.fit) else None
     return found if other is None or _is_doubtful(other.fit) else other
@@ -311,7 +308,6 @@ def begun_best(
         Of the run.
     axis : Axis
     counts_per_rev : int
-        Of the encoder.
     first : Model or None
         Of a part of the records.
     progress : callable

@@ -127,7 +127,6 @@ def compare_masses(
     recordings : sequence of Recording
     axis : Axis
     counts_per_rev : int
-        Of the encoder.
     responses : dict of str to FrequencyResponse
         Of the excited records with repeated periods, by name.
     progress : callable

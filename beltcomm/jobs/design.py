@@ -62,7 +62,6 @@ def basis_of(run: Path, talk: Talk) -> Basis:
     Parameters
     ----------
     run : Path
-        Of the run folder.
     talk : Talk
 
     Raises
@@ -123,7 +122,6 @@ def delivered(
     payload_kg : float or None
         Heaviest further load.
     seed : int
-        Of the draws.
     pictures : bool
         True for pictures into the run.
     command : str

@@ -374,7 +374,6 @@ def effect_parameters(effect: Effect) -> dict[str, Parameter]:
     Parameters
     ----------
     effect : Effect
-        The effect.
 
     Returns
     -------

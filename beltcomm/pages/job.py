@@ -53,7 +53,6 @@ def report(run: Path, *, against: Path | None = None, out: Path | None = None, t
     Parameters
     ----------
     run : Path
-        Of the run folder.
     against : Path or None
         An earlier run of the same axis; the page begins with what changed since.
     out : Path or None

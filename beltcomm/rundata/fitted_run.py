@@ -74,7 +74,6 @@ def with_remarks_on_rest(folder: RunFolder, records: Checked) -> Checked:
     ----------
     folder : RunFolder
     records : Checked
-        Checked.
     """
     return replace(records, remarks=(*folder.remarks, *records.remarks))
 

@@ -226,7 +226,6 @@ def sight_lines(sights: Sequence[DetectionLimit], run: Path, unnamed: Collection
     Parameters
     ----------
     sights : sequence of DetectionLimit
-        Limits of detection.
     run : Path
     unnamed : Collection[str]
         Effects that are not named from them, whatever they show.
@@ -255,7 +254,6 @@ def blind_words(sights: Sequence[DetectionLimit], unnamed: Collection[str]) -> l
     Parameters
     ----------
     sights : sequence of DetectionLimit
-        Limits of detection.
     unnamed : collection of str
         Effects that are left out.
     """

@@ -134,7 +134,6 @@ def reconstruct(
     torque : ndarray, N m
         ndarray (n,) acting from sample n to n+1, or (fine - 1,), mean over each fine step.
     sample_s : float, s
-        Sampling period.
     inertia : float, kg m², motor side
     start_rad : float, rad
         Absolute motor angle (carriage position over i_t) of the first sample.
@@ -538,7 +537,6 @@ def as_read(torque: Array, start_nm: float, sample_s: float, lags: Lags) -> Arra
     start_nm : float, N m
         The reading at the first sample that counts, the second: the lag's whole state.
     sample_s : float, s
-        Sampling period.
     lags : Lags
         Laws of the reading with their values.
     """

@@ -429,7 +429,6 @@ def braked_by_loop(
     torque_limit_nm : float, N m, motor shaft
         Of the drive.
     counts_per_rev : int
-        Of the encoder.
     """
     limit = axis.limits.feed_force_n or math.inf
     allowed = [rigid_deceleration(axis, model["cart.mass"], torque_limit_nm).value_m_s2 for model in family]

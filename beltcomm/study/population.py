@@ -198,7 +198,6 @@ def population_from(data: Mapping[str, Any], model: Model, seed: int) -> Populat
         Content of the file.
     model : Model
     seed : int
-        Of the draws.
 
     Raises
     ------

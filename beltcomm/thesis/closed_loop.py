@@ -172,7 +172,6 @@ def gains(rig: str, kind: PrefilterKind) -> Cascade:
     rig : str
         Name of the plant.
     kind : PrefilterKind
-        Of the prefilter.
     """
     solved = thesis_design(_design_plant(rig), kind).cascade
     if kind in PUBLISHED and rig == "g_a":

@@ -231,7 +231,6 @@ def on_grid(start: MotionState, end: MotionState, bounds: MotionBounds, sample_p
     bounds : MotionBounds
         Of each way.
     sample_period_s : float, s
-        Of the drive.
 
     Returns
     -------

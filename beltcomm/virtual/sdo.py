@@ -37,7 +37,6 @@ def abort_of(index: int, subindex: int, code: int) -> bytes:
     Parameters
     ----------
     index, subindex : int
-        Place in the dictionary.
     code : int
         SDO abort code.
     """

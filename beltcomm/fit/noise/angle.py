@@ -29,7 +29,6 @@ def apparent_step(recordings: Sequence[Recording], step_rad: float, noise_nm: fl
     ----------
     recordings : sequence of Recording
     step_rad : float, rad
-        Step of the encoder.
     noise_nm : float
         N m rms.
     """

@@ -74,7 +74,6 @@ def correlation_time(pole: float, deviation: float, sample_s: float) -> tuple[fl
     deviation : float
         Of the pole.
     sample_s : float, s
-        Sampling period.
 
     Returns
     -------

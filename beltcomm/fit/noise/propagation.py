@@ -129,7 +129,6 @@ def noise_schedule(model: Model, places_m: Array, sample_s: float, left: Array |
     places_m : ndarray (n,), m
         Carriage on the axis.
     sample_s : float, s
-        Sampling period.
     left : ndarray (n,) or None
         Share of the belt's stiffness at each sample; all of it without.
     """
@@ -201,7 +200,6 @@ def noise_path(model: Model, position_m: float, sample_s: float, closed: float =
     position_m : float, m
         Carriage on the axis.
     sample_s : float, s
-        Sampling period.
     closed : float
         See ``matrices``.
     """
@@ -218,7 +216,6 @@ def path_of(model: Model, linear: Matrices, sample_s: float) -> NoisePath:
     linear : Matrices
         Of the model at a place.
     sample_s : float, s
-        Sample period.
 
     Returns
     -------

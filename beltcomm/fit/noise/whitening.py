@@ -176,7 +176,6 @@ def noises(
     path : NoisePath
         Of the noises to the residual.
     step_rad : float, rad
-        Step of the encoder.
     noise_nm : float, N m rms
         Of the torque.
     shares : tuple of float

@@ -200,7 +200,6 @@ def untuned_observer(
     keep : ndarray of bool (n,)
         Samples that count.
     step_rad : float, rad
-        Step of the encoder.
     noise_nm : float, N m rms
         Of the torque.
     rounding : tuple of float

@@ -307,7 +307,6 @@ def moves_enough(recording: Recording, model: Model, counts_per_rev: int) -> boo
     model : Model
         By the data sheets.
     counts_per_rev : int
-        Of the encoder.
 
     Returns
     -------
@@ -447,7 +446,6 @@ def first_path(recording: Recording, start: Model, counts_per_rev: int) -> First
     start : Model
         By the data sheets.
     counts_per_rev : int
-        Of the encoder.
 
     Returns
     -------

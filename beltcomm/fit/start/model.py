@@ -134,7 +134,6 @@ def belt_start(axis: Axis, excited: Sequence[Recording], counts_per_rev: int) ->
     excited : sequence of Recording
         One at least.
     counts_per_rev : int
-        Of the encoder.
     """
     record = max(excited, key=lambda r: float(np.std(r.torque)) * np.sqrt(len(r.t_s)))
     if axis.rigid:

@@ -115,7 +115,6 @@ def clearly_moves(recording: Recording, counts_per_rev: int) -> bool:
     recording : Recording
         Of any kind.
     counts_per_rev : int
-        Of the encoder.
 
     Returns
     -------

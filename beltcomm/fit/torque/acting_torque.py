@@ -69,7 +69,6 @@ def stated_remarks(path: TorquePath, stated: StatedReading | None, sample_s: flo
     stated : StatedReading or None
         By the profile.
     sample_s : float, s
-        Sampling period.
     """
     if stated is None:
         return []

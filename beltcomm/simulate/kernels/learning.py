@@ -30,7 +30,6 @@ def with_memory(watch: ObserverState) -> ObserverState:
     Parameters
     ----------
     watch : ObserverState
-        The observer.
     """
     size, noises = max(SIZE, len(watch.s)), max(NOISES, len(watch.variances))
     own, wide = size - 2, -(-size // LANES) * LANES

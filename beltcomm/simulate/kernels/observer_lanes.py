@@ -84,7 +84,6 @@ def observed_rows(watch: ObserverState) -> tuple[float, ...]:
     Parameters
     ----------
     watch : ObserverState
-        The observer.
     """
     return (watch.half_gap_m, watch.stiffness, *watch.spread)
 
