@@ -106,7 +106,7 @@ def completed(
         When a needed column is not sure and nobody can be asked.
     UsageError
     """
-    sources = sources_for(table, written, KNOWN_COLUMNS)
+    sources = sources_for(table, written)
     twins = [_either(table, names) for names in _twins_of_ours(table, sources)]
     sources = {name: source for name, source in sources.items() if name not in {guess.column for guess in twins}}
     _refuse_mixed(sources)
@@ -121,7 +121,7 @@ def completed(
         return (*written, *(guess.choices[0] for guess in sure)), tuple(f"guessed {guess.choices[0]}: {guess.why}" for guess in sure)
     answers = ask([guess for guess in guesses if guess.needed or guess.choices])
     for answer in answers:
-        parse_source(answer, table, KNOWN_COLUMNS)
+        parse_source(answer, table)
     why = {guess.choices[0]: guess.why for guess in guesses if guess.choices}
     return (*written, *answers), tuple(f"taken {answer}: {why.get(answer, 'as answered')}" for answer in answers)
 
@@ -299,7 +299,7 @@ def _from_speed_alone(found: list[Guess], channels: Mapping[str, str]) -> list[G
 
 
 def _theirs(guess: Guess, table: Table) -> str:
-    return parse_source(guess.choices[0], table, KNOWN_COLUMNS).theirs
+    return parse_source(guess.choices[0], table).theirs
 
 
 def _side(meanings: Sequence[Meaning], sources: Mapping[str, Source]) -> Side:
