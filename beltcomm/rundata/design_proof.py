@@ -242,7 +242,6 @@ def prove(
     unheld : str
         As of :func:`beltcomm.rundata.interval_margins.over_intervals`.
     seed : int
-        Of the draws.
 
     Returns
     -------

@@ -50,19 +50,7 @@ class Breakaway:
         return max(0.0, self.coulomb_nm - self.slope_nm_s * rising_s)
 
     def least_friction_nm(self, inertia_kg_m2: float, ratio: float) -> float:
-        """Lower bound of the friction in motion on an axis with this inertia.
-
-        Parameters
-        ----------
-        inertia_kg_m2 : float, motor side, with carriage
-        ratio : float, m/rad
-            Carriage travel over motor angle.
-
-        Returns
-        -------
-        float, N m
-            Motor shaft; 0 when nothing is known.
-        """
+        """Lower bound of the friction in motion on an axis with this inertia, N m, motor shaft; 0 when nothing is known."""
         return max(0.0, SLIDING_SHARE * self._overcome_nm(inertia_kg_m2, ratio) - abs(self.holding_nm - self.held_nm))
 
     def most_friction_nm(self, stiffness_n_m: float, inertia_kg_m2: float, ratio: float) -> float:
@@ -70,12 +58,7 @@ class Breakaway:
 
         It did not where a belt stretched by ``MOVED_M`` pulls harder than all the torque that there was:  i_t c x > τ.
 
-        Parameters
-        ----------
-        stiffness_n_m : float
-            Of the belt, infinite on a rigid axis.
-        inertia_kg_m2, ratio : float
-            The least that turned, the motor's; i_t, m/rad.
+        inertia_kg_m2 : the motor's own, the least that turned.
         """
         if ratio * stiffness_n_m * MOVED_M <= self.coulomb_nm:
             return math.inf

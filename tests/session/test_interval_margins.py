@@ -14,13 +14,12 @@ import pytest
 from beltcomm import api
 from beltcomm.axis import load_axis
 from beltcomm.control import Cascade, CascadeStructure
-from beltcomm.design.interval_ends import interval_ends
 from beltcomm.errors import Refused
 from beltcomm.experiments import commission as sequence
 from beltcomm.identify.final import FinalModel
 from beltcomm.model import Model
 from beltcomm.rundata import analyse
-from beltcomm.rundata.interval_margins import first_loop_over_intervals, first_loop_plants, over_intervals
+from beltcomm.rundata.interval_margins import _interval_ends, first_loop_over_intervals, first_loop_plants, over_intervals
 from beltcomm.runfolder import RunFolder
 from design.closed_loop import run
 from identify.records import true_model
@@ -72,7 +71,7 @@ def test_a_first_loop_that_does_not_hold_over_the_intervals_is_made_gentler(tmp_
     model, folder = known_to(0.9, name), folder_of(tmp_path)
     usual, gentler = analyse.first_loop(model, REFERENCE, *SEEN), first_loop_over_intervals(model, REFERENCE, *SEEN, folder)
     assert gentler.cascade.kp_nm_s_rad < 0.6 * usual.cascade.kp_nm_s_rad
-    ends = [end.model for end in interval_ends(model)]
+    ends = [end.model for end in _interval_ends(model)]
     assert not all(settles(end, usual.cascade) for end in ends)
     assert all(settles(end, gentler.cascade) for end in (model, *ends))
     known = known_to(0.02, name)

@@ -19,7 +19,6 @@ from scipy.optimize import minimize_scalar
 from beltcomm.arrays import Array
 from beltcomm.fit.estimate import Fitted, fit, fit_of, problem_of
 from beltcomm.fit.noise.level import is_held, repeats_itself
-from beltcomm.fit.path_fit.late_motion import effect_between
 from beltcomm.fit.path_fit.trial_paths import (
     LATE_SHARES,
     LOOP_SHARES,
@@ -43,6 +42,11 @@ from beltcomm.recording import Recording
 
 #: Times its lower bound up to which an inertia is nothing.
 NOTHING = 10.0
+#: Effects between the torque that is read and the motion, each with one time, and what is tried beside them by the chosen path: a lag of
+#: the reading is no reason for another one, which has such lags of its own.
+BETWEEN, BESIDE = ("dead_time", "current_lag"), ("measurement_lag",)
+#: Share of what lies above the noise that such an effect may leave, and how much of it per sample.
+MAY_LEAVE, MOST_LEFT = 0.3, 0.5
 #: Error over the noise up to which a faithful reading is not doubted.
 GOOD = 1.05
 #: Error over the noise from which on a filter is looked for that the noise of the reading hides.
@@ -164,7 +168,37 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
         return choice
     others = [path for path in ways if path != choice.path]
     clear = clear_gain(choice.fitted.problem.samples)
-    return replace(choice, between=effect_between(partial(_fit_by, data, lively), start, choice.path, choice.fitted, others, clear))
+    return replace(choice, between=_effect_between(partial(_fit_by, data, lively), start, choice.path, choice.fitted, others, clear))
+
+
+def _effect_between(
+    fit_by: Callable[[Model, TorquePath], Fitted],
+    start: Model,
+    chosen: TorquePath,
+    fitted: Fitted,
+    others: Sequence[TorquePath],
+    clear: float,
+) -> str:
+    """Name of the effect between reading and motion with which another path explains the records better than the chosen one.
+
+    Where a filter of the setpoint stands before the torque, and a dead time behind it, the motion comes as late as by a slower filter: a
+    path chosen without that effect takes a part of it over, and what is left of it looks like another effect.
+
+    ``chosen`` and ``fitted`` are by a model without one, the ``others`` divide the same chain; a fall of -2 ln L by ``clear`` makes one
+    more than as likely.  Empty where the start model has such an effect, none explains enough, or the chosen path is as likely.
+    """
+    if any(name in start.effects for name in (*BETWEEN, *BESIDE)):
+        return ""
+    samples = max(fitted.problem.samples, 1)
+
+    def tried(path: TorquePath, names: Sequence[str] = BETWEEN) -> list[tuple[float, str]]:
+        found = [(fit_by(start.with_effect(name), path), name) for name in names]
+        return [(f.objective / f.problem.samples if 2 * f.problem.samples > samples else math.inf, name) for f, name in found]
+
+    own, _ = min(tried(chosen, (*BETWEEN, *BESIDE)))
+    least, best = min((one for path in others for one in tried(path)), default=(math.inf, ""))
+    explains = least - 1.0 < min(MAY_LEAVE * (fitted.objective / samples - 1.0), MOST_LEFT)
+    return best if explains and samples * (own - least) > clear else ""
 
 
 def _refine(data: Data, recordings: Sequence[Recording], path: TorquePath, fitted: Fitted) -> tuple[TorquePath, Fitted]:
