@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 from beltcomm.control import CascadeStructure
@@ -103,6 +104,7 @@ def cautious_cascade(
     structure: CascadeStructure,
     uncertainty: float = 0.3,
     specification: Specification | None = None,
+    besides: Sequence[DesignPlant] = (),
 ) -> DesignResult:
     """A cascade with large margins on the plant and on all its uncertain neighbours (:func:`uncertain_plants`).
 
@@ -118,5 +120,7 @@ def cautious_cascade(
         Of mass and stiffness; friction moves the fit, and the axis was measured at one position only.
     specification : Specification or None
         Default :func:`cautious_specification`.
+    besides : sequence of DesignPlant
+        For which it must hold, too.
     """
-    return design_cascade(uncertain_plants(plant, uncertainty), structure, specification or cautious_specification())
+    return design_cascade([*uncertain_plants(plant, uncertainty), *besides], structure, specification or cautious_specification())

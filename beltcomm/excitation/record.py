@@ -94,10 +94,13 @@ class RecordTooShort(Refused):
     ----------
     needed_s : float, s
         The shortest that has.
+    lowest_hz : float, Hz
+        Lowest antiresonance expected.
     """
 
     def __init__(self, duration_s: float, for_periods_s: float, period_s: float, lowest_hz: float) -> None:
         self.needed_s = duration_s - for_periods_s + (1 + FEWEST_REPEATS) * period_s
+        self.lowest_hz = lowest_hz
         super().__init__(
             f"{duration_s:.3g} s are too short for one period of run-in and {FEWEST_REPEATS} measured periods of {period_s:.3g} s; "
             f"allow {self.needed_s:.3g} s or raise the lowest frequency above {lowest_hz:.3g} Hz"

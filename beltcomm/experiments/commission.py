@@ -5,6 +5,8 @@ Where nobody can write the drive's gains, the loop that a person has set in it c
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -13,8 +15,7 @@ import numpy as np
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.cascade import DesignResult
-from beltcomm.design.design_plant import DesignPlant
-from beltcomm.errors import DataError, NoMotion, Refused, SafetyStop
+from beltcomm.errors import DamagedRecord, DataError, NoMotion, Refused, SafetyStop
 from beltcomm.experiments import (
     execute_step,
     gain_steps,
@@ -33,7 +34,7 @@ from beltcomm.experiments.recentre import QUIETER, may_not_excite, stands_after
 from beltcomm.experiments.recording_steps import quick_sweep, record_steps
 from beltcomm.fit.torque.acting_torque import acting_recording, stated_remarks
 from beltcomm.identify.amplitude import AmplitudeStep, family_around, half_friction, unknown_masses_kg
-from beltcomm.identify.final import begun_best, final_model, from_records_alone, with_late_torque
+from beltcomm.identify.final import FinalModel, begun_best, few_values, final_model, from_records_alone, with_late_torque
 from beltcomm.identify.standstill import largest
 from beltcomm.laboratory.cross_checks import sheet_doubts
 from beltcomm.language import tr
@@ -42,13 +43,13 @@ from beltcomm.machine.hardware import Hardware
 from beltcomm.machine.machine import Machine
 from beltcomm.model import Model
 from beltcomm.quantities import mm, read_in, three_digits
+from beltcomm.recording import Recording
 from beltcomm.rundata import analyse
 from beltcomm.rundata.delays import assume_delay, delay, measure_delay_and_damping
 from beltcomm.rundata.findings import Apply as Apply
 from beltcomm.rundata.findings import Findings as Findings
 from beltcomm.rundata.findings import Settings as Settings
-from beltcomm.rundata.first_motions import Excited
-from beltcomm.rundata.interval_margins import first_loop_plants, require_over_intervals
+from beltcomm.rundata.interval_margins import KEPT, final_plants, first_loop_over_intervals, over_intervals
 from beltcomm.rundata.proof import SURE_MARGIN_DEG, move_name, proof, thin_margins
 from beltcomm.schedule.record_schedule import TITLES as TITLES
 from beltcomm.schedule.steps import SHORT_S
@@ -95,8 +96,15 @@ def identify_here(machine: Machine, findings: Findings, *, brief: bool = False) 
     if machine.cascade is not None and machine.braking is not None:  # as from here on a loop ends what an excitation began
         stop_unit.ensure(machine, findings.excited.model, again=True)
     machine.begin(TITLES[3])
-    _first_response(machine, findings, findings.excited, short_s)
-    model = _first_model(machine, findings)
+    _first_response(machine, findings, "frf_1", short_s)
+    try:
+        model = _first_model(machine, findings)
+    except DataError as few:
+        if isinstance(few, DamagedRecord) or may_not_excite(machine):
+            raise
+        findings.remarks.append(f"frf_1 alone does not do, another response is made beside it: {few}")
+        _first_response(machine, findings, "frf_1_more", execute_step.RESPONSE_S)
+        model = _first_model(machine, findings)
     scale.check_fitted(machine, model, findings.excited.model, acting_recording(machine.folder.recording("frf_1"), findings.path))
     return model
 
@@ -123,12 +131,14 @@ def try_stop_here(machine: Machine, model: Model) -> None:
         stop_unit.tell_untold(machine, "an identification closes no loop whose gains nobody knows")
 
 
-def _first_response(machine: Machine, findings: Findings, excited: Excited, seconds: float) -> None:
-    """The frequency response at the present place; where the carriage wanders too far again where it then stands, shorter and quieter.
+def _first_response(machine: Machine, findings: Findings, name: str, seconds: float) -> None:
+    """A frequency response at the present place; where the carriage wanders too far again where it then stands, shorter and quieter.
 
     Then no response after it is louder, either.   One that does not move the axis is made louder.   Raises SafetyStop when stops have used
     up what the session goes on after, NoMotion when no torque allowed moves the axis.
     """
+    excited = findings.excited
+    assert excited is not None
     above_nm, model = 0.0, excited.model
     while True:
         # A carriage that went too far is not held by friction: no sequence is tried that is louder for leaving out the resonance.
@@ -136,7 +146,7 @@ def _first_response(machine: Machine, findings: Findings, excited: Excited, seco
         choice, step = execute_step.short_if_possible(chosen, seconds)
         phases.louder(machine, step, above_nm)
         try:
-            phases.planned_response(machine, "frf_1", model, choice, step)
+            phases.planned_response(machine, name, model, choice, step)
             return
         except SafetyStop as problem:
             if not stands_after(machine, problem) or may_not_excite(machine):
@@ -146,7 +156,7 @@ def _first_response(machine: Machine, findings: Findings, excited: Excited, seco
             seconds = min(seconds, SHORT_S)  # how far it wanders grows with the time
             model = half_friction(model)  # which a first record told too high
             excited = findings.excited = replace(excited, step=replace(step, amplitude_nm=most_nm), at_most_nm=most_nm)
-            findings.remarks.append(f"frf_1 is made with at most ±{most_nm:.3f} N m, after this: {problem}")
+            findings.remarks.append(f"{name} is made with at most ±{most_nm:.3f} N m, after this: {problem}")
         except NoMotion:
             above_nm = step.amplitude_nm
             if not machine.wanderings:
@@ -162,9 +172,7 @@ def _first_model(machine: Machine, findings: Findings) -> Model:
         try:
             found = final_model(recordings, machine.axis, counts, start=start)
         except DataError:
-            if start is None:
-                raise
-            found = final_model(recordings, machine.axis, counts)  # behind a coarse encoder an estimate may leave no sample that counts
+            found = _begun_anew(machine, recordings)  # behind a coarse encoder an estimate may leave no sample that counts
         if found.fit.suspect:
             found = with_late_torque(found, recordings, machine.axis, counts)
         if start is not None:
@@ -179,6 +187,16 @@ def _first_model(machine: Machine, findings: Findings) -> Model:
     _tell_model(machine, model, machine.position_m)
     measure_delay_and_damping(findings, recordings, model)
     return model
+
+
+def _begun_anew(machine: Machine, recordings: Sequence[Recording]) -> FinalModel:
+    try:
+        return final_model(recordings, machine.axis, machine.drive.capabilities.counts_per_rev)
+    except DataError as few:
+        coarse = sampling_limits.coarse_words(machine.axis, machine.drive.capabilities, recordings[-1])
+        if isinstance(few, DamagedRecord) or not coarse:
+            raise
+        raise DataError(f"{few}. {coarse}") from None
 
 
 def _friction_words(axis: Axis, torque_nm: float) -> str:
@@ -251,21 +269,27 @@ def first_cascade(machine: Machine, findings: Findings, model: Model, at_m: floa
     at_m : float, m
         Of the carriage.
     """
+    if findings.final is not None and few_values(findings.final.fit):
+        response, fit = machine.folder.recording("frf_1"), findings.final.fit
+        if coarse := sampling_limits.coarse_words(machine.axis, machine.drive.capabilities, response):
+            raise DataError(
+                f"{response.name} has {fit.samples} values that count for {len(fit.free)} parameters: no loop is closed. {coarse}"
+            )
     structure = machine.drive.capabilities.structure
     assume_delay(findings, structure)
     seen = at_m, delay(findings), analyse.apparent_damping(findings.thesis)
-    result = analyse.first_loop(model, structure, *seen)
-    require_over_intervals("the first loop", result, model, lambda at_end: first_loop_plants(at_end, *seen), machine.folder)
+    result = first_loop_over_intervals(model, structure, *seen, machine.folder)
     margin = min(m.phase_margin_deg for m in result.margins)
     if findings.swing is not None:
         margin = min(margin, payload_mode_in_first_fit.proven_margin_deg(findings.swing, result.cascade, structure, *seen))
     cascade = analyse.with_feedforward(result.cascade, model, structure, delay(findings))
-    if findings.breakaway is None:
-        return cascade, margin
     # A short record tells friction badly, and more than there is drives a weak loop over its ends.
-    stiffness, inertia, ratio = result.plants[0].stiffness_n_m, analyse.moved_inertia(model), model["transmission.ratio"]
-    sent, most_nm = cascade.feedforward, findings.breakaway.most_friction_nm(stiffness, inertia, ratio)
-    return replace(cascade, feedforward=replace(sent, coulomb_nm=min(sent.coulomb_nm, most_nm))), margin
+    sent, most_nm = cascade.feedforward, math.inf
+    if findings.breakaway is not None:
+        stiffness, inertia, ratio = result.plants[0].stiffness_n_m, result.plants[0].inertia_kg_m2, model["transmission.ratio"]
+        most_nm = findings.breakaway.most_friction_nm(stiffness, inertia, ratio)
+    viscous = min(sent.viscous_nm_s_rad, analyse.sure_viscous(model))
+    return replace(cascade, feedforward=replace(sent, coulomb_nm=min(sent.coulomb_nm, most_nm), viscous_nm_s_rad=viscous)), margin
 
 
 def close_loop(machine: Machine, findings: Findings, model: Model, cascade: Cascade, margin: float, *, ask: bool = False) -> Cascade:
@@ -326,16 +350,11 @@ def _fit_and_design(machine: Machine, findings: Findings, settings: Settings) ->
     findings.standstill = largest(recordings, findings.thesis, model, findings.friction)
     designed, cascade = design_for(machine.axis, model, machine.drive.capabilities.structure, findings, settings)
 
-    def plants(at_end: Model) -> list[DesignPlant]:
-        of_travel, apparent = machine.axis.travel.ends_m, analyse.apparent_damping(findings.thesis)
-        return analyse.plants_with_damping(at_end, of_travel, _masses_kg(at_end, settings), delay(findings), apparent)
-
-    try:
-        require_over_intervals("the final design", designed, model, plants, machine.folder)
-    except Refused as short:
+    plants = final_plants(machine.axis.travel.ends_m, settings.payloads_kg, delay(findings), analyse.apparent_damping(findings.thesis))
+    if short := over_intervals("the final design", designed, model, plants, machine.folder):
         if not findings.own_loop:  # gains that only a person types in are told with what speaks against them
-            raise
-        findings.remarks.append(str(short))
+            raise Refused(f"{short}. {KEPT}")
+        findings.remarks.append(short)
         findings.reservations.append("these gains do not hold over what is known of the axis")
     findings.design, findings.cascade = designed, cascade
     findings.reservations += thin_margins(designed.margins)

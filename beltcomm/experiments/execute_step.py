@@ -163,6 +163,12 @@ def short_if_possible(respond_for: Callable[[float], Answer], wanted_s: float) -
         return respond_for(wanted_s)
     except Refused as refusal:
         longer_s = max(RESPONSE_S, refusal.needed_s + ROUNDING_S) if isinstance(refusal, RecordTooShort) else RESPONSE_S
+        if isinstance(refusal, RecordTooShort) and longer_s > LONGEST_RESPONSE_S:
+            raise Refused(
+                f"by the excitation so far the carriage swings on its belt at {refusal.lowest_hz:.3g} Hz, which takes a response of "
+                f"{longer_s:.3g} s, {LONGEST_RESPONSE_S:g} s are the longest: it is too heavy for this belt, or friction held it. Look for "
+                "tight guides and a brake, and compare payload.mass_kg and belt.specific_stiffness_n in axis.yaml with their data sheets"
+            ) from None
         if not wanted_s < longer_s <= LONGEST_RESPONSE_S:
             raise
         return respond_for(longer_s)

@@ -24,14 +24,14 @@ from beltcomm.experiments.stops_out_of_move import leaves_by_m, positioning
 from beltcomm.given import ExcitationKind
 from beltcomm.identify.amplitude import AmplitudeStep, MotionLimits, family_around, largest_amplitude
 from beltcomm.machine import exciting, host_loss, stops
-from beltcomm.machine.creep import creep
+from beltcomm.machine.creep import Crept, creep
 from beltcomm.machine.heat import Thermal
 from beltcomm.machine.machine import Envelope, Machine, stroking
 from beltcomm.model import Model
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import Sidecar
 from beltcomm.rundata import analyse
-from beltcomm.rundata.first_motions import Breakaway
+from beltcomm.rundata.first_motions import MOVED_M, Breakaway
 from beltcomm.schedule.orders import SWEEP_LONGEST_S, SWEEP_SHORTEST_S, fastest_stroke_m_s, sweep_strokes
 from beltcomm.schedule.sequences import HARDLY, calmer_choice, excitation_travel_m, held_choice
 from beltcomm.simulate.stopping import total_friction
@@ -42,6 +42,9 @@ M = TypeVar("M", Trajectory, Strokes)
 #: m; how far the carriage goes in the sign check, and with the way of its stop.
 SIGN_TRAVEL_M = 2e-3
 SIGN_REACH_M = 1e-2
+
+#: Counts of an encoder by which two ways of breaking away are compared, at most this share of the way that counts as moving.
+FINE = 0.25
 
 #: m, room kept to the ends of the travel.
 END_MARGIN_M = 5e-3
@@ -142,15 +145,22 @@ def sign_and_scale(machine: Machine) -> Breakaway:
     host_loss.prove(machine)
     begun = machine.drive.clock.now()
     feel_units(machine, limits, 1.0, min(SIGN_REACH_M, high - at))
-    found = {}
-    for sign in (1.0, -1.0):
+
+    def crept(sign: float) -> Crept:
         here = machine.position_m
         left = high - here if sign > 0.0 else here - low
-        crept = creep(machine.drive, machine.axis, limits, sign * SIGN_TRAVEL_M, min(SIGN_REACH_M, left), left_m=left)
-        found[sign] = crept.onset_nm
+        return creep(machine.drive, machine.axis, limits, sign * SIGN_TRAVEL_M, min(SIGN_REACH_M, left), left_m=left)
+
+    first, back = crept(1.0), crept(-1.0)
+    found = Breakaway(first.onset_nm, back.onset_nm, first.slope_nm_s)
+    count_m = math.tau * machine.ratio / machine.drive.capabilities.counts_per_rev
+    # Or the belt, which the first way left stretched, helped the second: a weight shows when it helps the first, too.
+    if found.holding_nm and count_m < FINE * MOVED_M:
+        apart = sorted((0.0, first.onset_nm - back.onset_nm, crept(1.0).onset_nm - back.onset_nm))[1]
+        found = replace(found, backward_nm=first.onset_nm - apart)
     machine.machine_seconds += machine.drive.clock.now() - begun
-    machine.folder.journal(f"breakaway {found[1.0]:.3f} N m forward, {found[-1.0]:.3f} N m backward")
-    return Breakaway(found[1.0], found[-1.0], crept.slope_nm_s)
+    machine.folder.journal(f"breakaway {found.forward_nm:.3f} N m forward, {found.backward_nm:.3f} N m backward")
+    return found
 
 
 def feel_units(machine: Machine, limits: Limits, sign: float, left_m: float) -> None:

@@ -16,6 +16,7 @@ from beltcomm.fit.torque.acting_torque import acting_recording
 from beltcomm.identify.amplitude import (
     AmplitudeStep,
     MotionLimits,
+    carriage_stood,
     family_around,
     largest_amplitude,
     not_ruled_out,
@@ -98,7 +99,8 @@ def raise_amplitude(
         When friction leaves no room below the limits.
     """
     counts = machine.drive.capabilities.counts_per_rev
-    sheet, family = unknown_axis(machine, breakaway, masses_kg)
+    sheet, unknown = unknown_axis(machine, breakaway, masses_kg)
+    family = unknown
     known = sheet.with_effect("constant_offset", {"torque": machine.holding_nm}) if machine.holding_nm else sheet
     asked_nm = machine.asked.amplitude_nm or np.inf
     if asked_nm < OVER_BREAKAWAY * breakaway.coulomb_nm:
@@ -128,28 +130,26 @@ def raise_amplitude(
             machine.talk.say(f"±{louder:.3f} N m let the carriage wander too far; the search ends with ±{found.at_most_nm:.3f} N m")
             return found
         except NoMotion:
-            if following.step.binds == "step":
-                at_most = min(GROWTH * following.step.amplitude_nm, asked_nm)
-            elif len(shapes) > 1:
-                shapes = shapes[1:]
-            else:
-                raise Refused(
-                    f"±{following.step.amplitude_nm:.3f} N m of excitation, all that the limit on {following.step.binds} allows, did not "
-                    f"move the axis, which broke away at {breakaway.coulomb_nm:.3f} N m: friction holds it; reduce the friction, or "
-                    f"{_remedy(machine, following.step, breakaway)}"
-                ) from None
+            other = _other(machine, following.step, shapes, at_most)
+            if other is None:
+                raise Refused(_held(machine, following.step, breakaway, "did not move the axis")) from None
+            at_most, shapes = other
             continue
         step = _as_made(following.step, recordings[-1]) if kept else following.step
-        if len(recordings) < MOST_STEPS and not moves_enough(recordings[-1], sheet, counts):
+        other = _other(machine, step, shapes, at_most)
+        if other and len(recordings) < MOST_STEPS and not moves_enough(recordings[-1], sheet, counts):
+            # an axis without Coulomb friction breaks away long before it moves visibly, a heavy carriage hardly follows fast changes
             family = not_ruled_out(family, recordings[-1], machine.ratio, following.at_m)
-            if step.binds == "step":  # an axis without Coulomb friction breaks away long before it moves visibly
-                at_most = min(GROWTH * step.amplitude_nm, asked_nm)
-                continue
-            if len(shapes) > 1:  # a heavy carriage hardly follows fast changes
-                shapes = shapes[1:]
-                continue
+            at_most, shapes = other
+            continue
         with machine.withdrawing():
             first = first_path(recordings[-1], known, counts)
+        if carriage_stood(first.model, recordings[-1], following.at_m):
+            if other is None:
+                raise Refused(_held(machine, step, breakaway, "moved its motor against the belt and not the carriage"))
+            family = not_ruled_out(unknown, recordings[-1], machine.ratio, following.at_m)
+            at_most, shapes = other
+            continue
         model = _believable(first.model, sheet, unknown_loads_kg(machine.axis)[0])
         machine.folder.journal(
             f"amplitude {step.amplitude_nm:.3f} N m ({step.binds}): mass {model['cart.mass']:.2f} kg"
@@ -182,6 +182,26 @@ def _next(machine: Machine, breakaway: Breakaway, family: Sequence[Model], shape
     raise Refused(
         f"friction holds the axis up to {breakaway.coulomb_nm:.3f} N m, but the limit on {step.binds} allows only "
         f"±{step.amplitude_nm:.3f} N m of excitation; reduce the friction, or {_remedy(machine, step, breakaway)}"
+    )
+
+
+def _other(
+    machine: Machine, step: AmplitudeStep, shapes: Sequence[tuple[int, int]], at_most_nm: float
+) -> tuple[float, Sequence[tuple[int, int]]] | None:
+    """Amplitude and sequences after a step that told too little: louder, or slower changes where a limit binds; None where none is left."""
+    if step.binds != "step":
+        return (at_most_nm, shapes[1:]) if len(shapes) > 1 else None
+    louder_nm = min(GROWTH * step.amplitude_nm, machine.asked.amplitude_nm or np.inf)
+    return (louder_nm, shapes) if louder_nm > step.amplitude_nm else None
+
+
+def _held(machine: Machine, step: AmplitudeStep, breakaway: Breakaway, what: str) -> str:
+    """Sentence on friction that holds the axis against all the torque there may be."""
+    asked = step.binds == "step"
+    return (
+        f"±{step.amplitude_nm:.3f} N m of excitation, all that {'is asked for' if asked else f'the limit on {step.binds} allows'}, {what}; "
+        f"breaking away took {breakaway.coulomb_nm:.3f} N m. Friction holds it: reduce the friction, or "
+        + ("ask for more (--amplitude)" if asked else _remedy(machine, step, breakaway))
     )
 
 
@@ -252,6 +272,7 @@ def _remedy(machine: Machine, step: AmplitudeStep, breakaway: Breakaway) -> str:
     if by_travel:
         return machine.more_room
     factor = breakaway.coulomb_nm / step.amplitude_nm if step.amplitude_nm else np.inf
+    factor = factor if factor > 1.0 else GROWTH  # as loud as breaking away, it told nothing
     if machine.weight_n and "belt" in step.binds:
         return gravity.less_steep(machine, BELT_SHARE * machine.axis.belt_force_limit_n, factor * step.prediction.belt_force_n)
     return (

@@ -83,13 +83,14 @@ def record_steps(machine: Machine, findings: Findings, model: Model, cascade: Ca
             try:
                 execute_step.make(machine, loop, step, name, loudest, share, pace)
             except SafetyStop as problem:
-                if lags_behind(machine, step.kind, problem) and pace > SLOWEST_PACE:
+                behind = lags_behind(machine, step.kind, problem)
+                if behind and pace > SLOWEST_PACE:
                     pace *= SLOWER
                     findings.remarks.append(f"{name} and what follows are driven at {pace:.2g} times their speed, after this: {problem}")
                     continue  # the model does not quite know how far this machine goes: again, and all that follow, quieter
-                if not bring_back(machine, model, step, problem):
+                if step in needed if behind else not bring_back(machine, model, step, problem):
                     raise
-                if not may_not_excite(machine):
+                if not behind and not may_not_excite(machine):
                     share *= QUIETER
                     findings.remarks.append(f"{name} is made with {share:.2g} times the torque, after this: {problem}")
                     continue

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities
 from beltcomm.errors import BeltcommError
 from beltcomm.excitation.record import SELDOM_S
 from beltcomm.fit.start.first_estimate import data_sheet_model
 from beltcomm.model import Model
+from beltcomm.recording import Recording
 from beltcomm.rundata import analyse
 from beltcomm.schedule.sequences import excitation_travel_m
 from beltcomm.simulate.stopping import REACTION_PERIODS, unknown_loads_kg
@@ -20,6 +23,8 @@ CLAIMED_SHARE = 0.35
 WRONG_SCALE = 1.25
 #: Share of a stiffness within which it is known well.
 WELL_KNOWN = 0.1
+#: Share of an excitation that a count of the encoder may be, told as an acceleration from row to row.
+COUNTED = 0.2
 #: How the remarks begin.
 _ELSE = "it comes from rows below it and from the data sheets, with wider intervals"
 _RESONANCE, _INERTIA = "the resonance at", "the motor side shows"
@@ -153,3 +158,28 @@ def note_after(remarks: list[str], model: Model, axis: Axis, capabilities: Capab
     told = stiffness is not None and stiffness.interval is not None and stiffness.interval < WELL_KNOWN * stiffness.value
     resonance = None if model.rigid else _remark_after(analyse.characteristic_hz(model, at_m)[1], capabilities, told=told)
     remarks += [one for one in (resonance, _torque_remark(model, axis, capabilities)) if one is not None]
+
+
+def coarse_words(axis: Axis, capabilities: Capabilities, response: Recording) -> str:
+    """Sentences on an encoder too coarse for the rows of a response, with rows that suit it; "" where it is not.
+
+    A count between rows of T is an acceleration by the torque  J 2π/(N T²).
+
+    Parameters
+    ----------
+    axis : Axis
+    capabilities : Capabilities
+        Counts N and sampling period T.
+    response : Recording
+        Excited.
+    """
+    counts, period_s, most_nm = capabilities.counts_per_rev, capabilities.sample_period_s, float(np.max(np.abs(response.torque)))
+    counted_nm = axis.motor_side_inertia_kg_m2 * math.tau / (counts * period_s**2)
+    if counted_nm < COUNTED * most_nm:
+        return ""
+    suits_ms = math.ceil(1e3 * period_s * math.sqrt(counted_nm / (COUNTED * most_nm)))
+    return (
+        f"{counts} counts per turn are coarse for {1e3 * period_s:g} ms between rows: one more or less is as much as {counted_nm:.2g} N m "
+        f"of acceleration, beside {most_nm:.2g} N m of excitation. Record less often (`--sample-period {suits_ms}ms`), let the drive "
+        "interpolate, or use an encoder with more counts"
+    )

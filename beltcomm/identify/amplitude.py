@@ -19,8 +19,9 @@ from beltcomm.axis import Axis
 from beltcomm.errors import Refused
 from beltcomm.model import BELT_STIFFNESSES, Model
 from beltcomm.model.linear import fastest_rate, operating_point
+from beltcomm.model.transfer import two_mass
 from beltcomm.recording import Recording
-from beltcomm.simulate.forward import integrate_torque
+from beltcomm.simulate.forward import Simulated, integrate_torque
 from beltcomm.simulate.stopping import (
     UNKNOWN_MASSES_KG,
     Braking,
@@ -50,6 +51,10 @@ DIED_RESERVE = 1.2
 DIES = "travel if the computer dies"
 #: A carriage that went less far than this share of what one of the family would have gone is not that one.
 RULED_OUT = 2.0
+#: A carriage that goes less far than this share of what its motor does stands: the motor only stretches the belt.
+STOOD_SHARE = 0.1
+#: Swings on its belt by which a record shows the mass of a carriage.
+FEWEST_SWINGS = 4.0
 #: Steps of the search: the amplitude is found to 1 part in 2^12.
 _BISECTIONS = 12
 
@@ -239,16 +244,43 @@ def not_ruled_out(family: Sequence[Model], recording: Recording, ratio: float, p
     position_m : float, m
         Carriage on the axis.
     """
-    sample_s, torque = recording.sample_period_s, recording.torque if recording.torque_setpoint is None else recording.torque_setpoint
     went_m = ratio * float(np.ptp(recording.position))
 
     def way_m(model: Model) -> float:
         held = model.with_values(_scale_values(model, _friction_names(model), 2.0))
-        gone = integrate_torque(held, torque, sample_s, position_m, substeps=_substeps(held, sample_s, position_m))
-        return float(np.ptp(gone.cart_position_m))
+        return float(np.ptp(_driven_by(held, recording, position_m).cart_position_m))
 
     heaviest = max(model["cart.mass"] for model in family)
     return [model for model in family if model["cart.mass"] == heaviest or way_m(model) <= RULED_OUT * went_m]
+
+
+def carriage_stood(model: Model, recording: Recording, position_m: float) -> bool:
+    """True if by its estimate a record shows a motor that moved against the belt alone: of a carriage that friction held it tells no mass.
+
+    That stands, or passes for one that is so heavy that it hardly swings on its belt while the record lasts.
+
+    Parameters
+    ----------
+    model : Model
+        The estimate.
+    recording : Recording
+        That it was made from.
+    position_m : float, m
+        Carriage on the axis.
+    """
+    if model.rigid:
+        return False
+    if two_mass(model, operating_point(model, position_m, 1.0)).antiresonance_hz * recording.duration_s < FEWEST_SWINGS:
+        return True
+    gone = _driven_by(model, recording, position_m)
+    went, motor = float(np.ptp(recording.position)), float(np.ptp(gone.position_rad))
+    return motor > went / RULED_OUT and float(np.ptp(gone.cart_position_m)) < STOOD_SHARE * model["transmission.ratio"] * motor
+
+
+def _driven_by(model: Model, recording: Recording, position_m: float) -> Simulated:
+    """Motion of a model under the torque of a record."""
+    sample_s, torque = recording.sample_period_s, recording.torque if recording.torque_setpoint is None else recording.torque_setpoint
+    return integrate_torque(model, torque, sample_s, position_m, substeps=_substeps(model, sample_s, position_m))
 
 
 def _predict(

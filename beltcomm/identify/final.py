@@ -327,17 +327,23 @@ def begun_best(
     if first is None or not _is_doubtful(found.fit):
         return found
     other = _fitted(recordings, axis, counts_per_rev, first)
-    if other is None or (_few_values(other.fit) and not _few_values(found.fit)):
+    if other is None or (few_values(other.fit) and not few_values(found.fit)):
         return found
-    return other if _few_values(found.fit) or other.fit.misfit < found.fit.misfit else found
+    return other if few_values(found.fit) or other.fit.misfit < found.fit.misfit else found
 
 
 def _is_doubtful(fit: ModelFit) -> bool:
     """Whether a fit explains its records badly, or hardly a value of them counts."""
-    return fit.suspect or _few_values(fit)
+    return fit.suspect or few_values(fit)
 
 
-def _few_values(fit: ModelFit) -> bool:
+def few_values(fit: ModelFit) -> bool:
+    """True if hardly a value of the records counts in a fit.
+
+    Parameters
+    ----------
+    fit : ModelFit
+    """
     return fit.samples < FEWEST_SAMPLES * len(fit.free)
 
 

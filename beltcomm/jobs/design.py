@@ -24,6 +24,7 @@ from beltcomm.rundata.design_proof import grounds_of, prove
 from beltcomm.rundata.findings import Findings
 from beltcomm.rundata.fitted_run import records_of
 from beltcomm.rundata.headline import OF, hashes_of, headline_of, next_command
+from beltcomm.rundata.interval_margins import final_plants, over_intervals
 from beltcomm.rundata.kept import kept_path
 from beltcomm.rundata.proof import SUSPECT, doubts, error_of, same_gains, suspect, thin_margins
 from beltcomm.rundata.revisions import current_revision, unfitted
@@ -137,7 +138,9 @@ def delivered(
     if (remark := referencing.slow_payload(folder.axis, basis.model["cart.mass"], payload_kg)) is not None:
         findings.remarks.append(remark)
     grounds = grounds_of(folder, basis.model, findings, (payload_kg,) if payload_kg else ())
-    proof = prove(grounds, findings.design, findings.cascade, basis.recordings, seed=seed)
+    plants = final_plants(grounds.positions_m, grounds.extra_kg[1:], grounds.delay_s, grounds.apparent_nm_s_rad)
+    unheld = over_intervals("the design", findings.design, basis.model, plants, folder)
+    proof = prove(grounds, findings.design, findings.cascade, basis.recordings, unheld=unheld, seed=seed)
     lines = proof_lines(proof, grounds, findings.design.specification)
     made: list[str] = []
     if pictures:

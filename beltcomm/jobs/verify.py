@@ -34,7 +34,7 @@ from beltcomm.recording.signalfile import write_columns
 from beltcomm.result import Line, Result, plain
 from beltcomm.rundata import analyse, offline
 from beltcomm.rundata.headline import NOTED, OF, NextCommand, behind, drive_of, hashes_of, headline_of, next_command
-from beltcomm.rundata.proof import LEARNT, proof
+from beltcomm.rundata.proof import LEARNT, admit, failures, proof
 from beltcomm.rundata.store import saved_design
 from beltcomm.runfolder import RunFolder, next_free
 from beltcomm.sending import Sending
@@ -163,6 +163,7 @@ def verify_with(
     claim(folder, drive.capabilities, options, talk)
     if planned is None:
         admit_edited("final.yaml of the run", folder.edited("designs", "final"), options, talk)
+        admit(failures(saved), talk, yes=options.yes, force=options.force, moves=True)
     for line in behind(folder):
         talk.say(line)
     structure = drive.capabilities.structure

@@ -27,7 +27,7 @@ from beltcomm.machine.writable import Writable, begun_with, titles
 from beltcomm.result import Result, plain
 from beltcomm.rundata import backups, offline
 from beltcomm.rundata.calibration import recall
-from beltcomm.rundata.proof import admit
+from beltcomm.rundata.proof import admit, doubts
 from beltcomm.rundata.store import cascade_from_dict, saved_design
 from beltcomm.runfolder import RunFolder, next_free
 from beltcomm.sentences import typed_gains, words
@@ -166,7 +166,7 @@ def admitted(folder: RunFolder, options: Options, talk: Talk, dcf: Path | None, 
     for line in words.remarks_lines(saved.get("remarks") or ()):
         talk.say(line)
     if not options.dry_run:
-        admit(folder, talk, yes=options.yes, force=options.force)
+        admit(doubts(folder), talk, yes=options.yes, force=options.force)
 
 
 def backup_list(folder: RunFolder) -> Result:

@@ -34,6 +34,7 @@ from beltcomm.identify.sweeps import plateaus_of
 from beltcomm.model import Model
 from beltcomm.model.linear import operating_point
 from beltcomm.model.transfer import two_mass
+from beltcomm.model.value import NORMAL_95
 from beltcomm.recording import Recording
 from beltcomm.response import FrequencyResponse
 from beltcomm.response.distortion import distortion
@@ -374,7 +375,12 @@ def design(
 
 
 def first_loop(
-    model: Model, structure: CascadeStructure, position_m: float, dead_time_s: float, apparent_damping_nm_s_rad: float
+    model: Model,
+    structure: CascadeStructure,
+    position_m: float,
+    dead_time_s: float,
+    apparent_damping_nm_s_rad: float,
+    besides: Sequence[DesignPlant] = (),
 ) -> DesignResult:
     """The cautious loop for a first model at one place, with the largest uncertainty and the best margins that the drive allows.
 
@@ -388,6 +394,8 @@ def first_loop(
         Of the torque path.
     apparent_damping_nm_s_rad : float, N m s/rad, motor shaft
         As of :func:`design_plants`.
+    besides : sequence of DesignPlant
+        For which it must hold, too.
 
     Raises
     ------
@@ -396,16 +404,16 @@ def first_loop(
     """
     plant = design_plants(model, [position_m], [model["cart.mass"]], dead_time_s, apparent_damping_nm_s_rad)[-1]
     for uncertainty in UNCERTAINTIES[:-1]:
-        found = feasible_cascade(uncertain_plants(plant, uncertainty), structure, cautious_specification())
+        found = feasible_cascade([*uncertain_plants(plant, uncertainty), *besides], structure, cautious_specification())
         if found is not None:
             return found
     try:
-        return cautious_cascade(plant, structure, UNCERTAINTIES[-1])
+        return cautious_cascade(plant, structure, UNCERTAINTIES[-1], besides=besides)
     except Infeasible as refusal:
         nearest = refusal.nearest
         if nearest is None or nearest.phase_margin_deg < LEAST_PHASE_MARGIN_DEG:
             raise
-    return cautious_cascade(plant, structure, UNCERTAINTIES[-1], nearest)
+    return cautious_cascade(plant, structure, UNCERTAINTIES[-1], nearest, besides)
 
 
 def require_offered(structure: CascadeStructure, prefilter: PrefilterKind | None, feedforward: SentFeedforward | None = None) -> None:
@@ -477,6 +485,21 @@ def holding_nm(model: Model) -> float:
     """
     gravity = model["transmission.ratio"] * model["cart.mass"] * GRAVITY_M_S2 * math.sin(model.get("tilt.angle"))
     return model.get("constant_offset.torque") + gravity
+
+
+def sure_viscous(model: Model) -> float:
+    """Viscous friction of motor and carriage at the motor that a fit is sure of, N m s/rad: the lower end of its 95 % interval.
+
+    Parameters
+    ----------
+    model : Model
+        All of it where nothing was estimated.
+    """
+    if model.covariance is None:
+        return total_viscous(model)
+    weights = np.array([1.0, model["transmission.ratio"] ** 2])
+    variance = weights @ model.covariance.of(("viscous.damping", "viscous_cart.damping")) @ weights
+    return max(total_viscous(model) - NORMAL_95 * math.sqrt(variance), 0.0)
 
 
 def moved_inertia(model: Model) -> float:

@@ -107,6 +107,8 @@ class DesignProof:
         Records without a response, and why.
     source : str
         Where the draws come from, by ``seed``.
+    unheld : str
+        As of :func:`beltcomm.rundata.interval_margins.over_intervals`.
     doubts : tuple of str
         What speaks against the design, in words; notes : what else to know.
     """
@@ -118,15 +120,16 @@ class DesignProof:
     source: str
     seed: int
     contradictions: tuple[Contradiction, ...]
+    unheld: str
     worst: WorstLoop
     doubts: tuple[str, ...]
     notes: tuple[str, ...]
 
     @property
     def has_failed(self) -> bool:
-        """True if some loop is unstable, or a load that was recorded is not borne: the gains are not to be used as they are."""
+        """True if a loop is unstable, or does not bear what is known or was recorded: the gains are not to be used as they are."""
         unstable = self.spread.unstable > 0 or any(one.stable is False for one in self.measured)
-        return unstable or any(_not_borne(one) for one in self.contradictions)
+        return unstable or bool(self.unheld) or any(_not_borne(one) for one in self.contradictions)
 
     def to_dict(self) -> dict[str, Any]:
         """``proof`` of ``designs/final.yaml`` and ``--json``."""
@@ -160,6 +163,7 @@ class DesignProof:
                 for one in self.contradictions
             ],
             "worst": plain(self.worst),
+            "failed": self.has_failed,
             "doubts": list(self.doubts),
             "notes": list(self.notes),
         }
@@ -220,7 +224,9 @@ def grounds_of(folder: RunFolder, model: Model, findings: Findings, payloads_kg:
     )
 
 
-def prove(grounds: Grounds, design: DesignResult, cascade: Cascade, recordings: Sequence[Recording], *, seed: int = 0) -> DesignProof:
+def prove(
+    grounds: Grounds, design: DesignResult, cascade: Cascade, recordings: Sequence[Recording], *, unheld: str = "", seed: int = 0
+) -> DesignProof:
     """The cascade of a design on every measured response, every draw, and every load that a record wants for itself.
 
     Parameters
@@ -233,6 +239,8 @@ def prove(grounds: Grounds, design: DesignResult, cascade: Cascade, recordings: 
         That was designed.
     recordings : sequence of Recording
         Of the run; excited ones are taken.
+    unheld : str
+        As of :func:`beltcomm.rundata.interval_margins.over_intervals`.
     seed : int
 
     Returns
@@ -253,8 +261,9 @@ def prove(grounds: Grounds, design: DesignResult, cascade: Cascade, recordings: 
         source,
         seed,
         contradictions,
+        unheld,
         _worst(grounds, design, measured, conditions, spread, contradictions),
-        _doubts(measured, spread, contradictions, design.specification.sensitivity_db),
+        (*_doubts(measured, spread, contradictions, design.specification.sensitivity_db), *([unheld] if unheld else [])),
         notes,
     )
 

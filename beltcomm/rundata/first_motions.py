@@ -56,10 +56,13 @@ class Breakaway:
     def most_friction_nm(self, stiffness_n_m: float, inertia_kg_m2: float, ratio: float) -> float:
         """Upper bound of the friction in motion, N m; infinite where the carriage may still have stood when the motor moved.
 
-        It did not where a belt stretched by ``MOVED_M`` pulls harder than all that was overcome:  i_t c x > τ.
+        It did not where a belt stretched by ``MOVED_M`` pulls harder than all the torque that there was:  i_t c x > τ.
+
+        inertia_kg_m2 : the motor's own, the least that turned.
         """
-        overcome_nm = self._overcome_nm(inertia_kg_m2, ratio)
-        return overcome_nm if ratio * stiffness_n_m * MOVED_M > overcome_nm else math.inf
+        if ratio * stiffness_n_m * MOVED_M <= self.coulomb_nm:
+            return math.inf
+        return self._overcome_nm(inertia_kg_m2, ratio)
 
     @property
     def holding_nm(self) -> float:

@@ -1,4 +1,4 @@
-"""A controller at both ends of what is known of the axis: refused before it is written where it does not hold there.
+"""A controller at both ends of what is known of the axis: where it does not hold there no machine gets it unasked.
 
 An inertia or a stiffness goes to an end of its 95 % interval, and with it what the fit cannot tell apart from it:
 
@@ -11,18 +11,19 @@ wide its interval.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
-from beltcomm.control import Cascade
+from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.cascade import DesignResult
 from beltcomm.design.cautious import FRICTIONS, with_least_damping
 from beltcomm.design.design_plant import DesignPlant, with_friction_fractions
 from beltcomm.design.margins import WorstMargins, margins, worst_of
-from beltcomm.design.specification import Specification, relaxed_to
+from beltcomm.design.specification import Infeasible, Specification, relaxed_to
 from beltcomm.errors import Refused
 from beltcomm.given import pasted
 from beltcomm.model import BELT_STIFFNESSES, Model
-from beltcomm.rundata.analyse import LEAST_PHASE_MARGIN_DEG, design_plants
+from beltcomm.rundata.analyse import LEAST_PHASE_MARGIN_DEG, design_plants, first_loop, plants_with_damping
 from beltcomm.rundata.calibration import at_interval_ends, unsure
 from beltcomm.runfolder import RunFolder
 
@@ -48,17 +49,82 @@ def first_loop_plants(model: Model, position_m: float, dead_time_s: float, appar
     return with_friction_fractions(with_least_damping(plant), FRICTIONS)
 
 
-def require_over_intervals(
+def first_loop_over_intervals(
+    model: Model, structure: CascadeStructure, position_m: float, dead_time_s: float, apparent_damping_nm_s_rad: float, folder: RunFolder
+) -> DesignResult:
+    """The first loop; where it does not hold over what is known a gentler one, designed for the ends of the intervals, too.
+
+    Parameters
+    ----------
+    model : Model
+        A first one, with intervals.
+    structure : CascadeStructure
+        Of the loops in the drive.
+    position_m : float, m
+        Carriage on the axis.
+    dead_time_s : float, s
+        Of the torque path.
+    apparent_damping_nm_s_rad : float, N m s/rad, motor shaft
+        As of :func:`beltcomm.rundata.analyse.design_plants`.
+    folder : RunFolder
+        With the records, and what was measured of the drive's gains.
+
+    Raises
+    ------
+    Refused
+        Where none holds.
+    """
+    seen = position_m, dead_time_s, apparent_damping_nm_s_rad
+
+    def short(result: DesignResult) -> str:
+        return over_intervals("the first loop", result, model, lambda at_end: first_loop_plants(at_end, *seen), folder)
+
+    result = first_loop(model, structure, *seen)
+    if not (why := short(result)):
+        return result
+    with suppress(Infeasible):
+        ends = [plant for end in _interval_ends(model) for plant in first_loop_plants(end.model, *seen)]
+        gentler = first_loop(model, structure, *seen, ends)
+        if not short(gentler):
+            return gentler
+    raise Refused(f"{why}. {KEPT}")
+
+
+def final_plants(
+    positions_m: Sequence[float], payloads_kg: Sequence[float], dead_time_s: float, apparent_damping_nm_s_rad: float
+) -> Callable[[Model], list[DesignPlant]]:
+    """Of a model, the plants of a final design.
+
+    Parameters
+    ----------
+    positions_m : sequence of float, m
+        Carriage on the axis.
+    payloads_kg : sequence of float, kg
+        Further ones than what is mounted.
+    dead_time_s : float, s
+        Of the torque path.
+    apparent_damping_nm_s_rad : float, N m s/rad, motor shaft
+        As of :func:`beltcomm.rundata.analyse.design_plants`.
+    """
+
+    def plants(model: Model) -> list[DesignPlant]:
+        masses = [model["cart.mass"] + extra for extra in (0.0, *payloads_kg)]
+        return plants_with_damping(model, positions_m, masses, dead_time_s, apparent_damping_nm_s_rad)
+
+    return plants
+
+
+def over_intervals(
     name: str, result: DesignResult, model: Model, plants: Callable[[Model], Sequence[DesignPlant]], folder: RunFolder
-) -> None:
-    """Refuse a controller that loses its margins at an end of the 95 % interval of an inertia, a mass, a spring or its own gains' units.
+) -> str:
+    """Sentence on a controller that loses its margins at an end of the 95 % interval of an inertia, a mass, a spring or its gains' units.
 
     The margins are those that the design itself is refused below: as it asked for, relaxed until ``LEAST_PHASE_MARGIN_DEG`` is left.
 
     Parameters
     ----------
     name : str
-        Of the controller, for the refusal.
+        Of the controller.
     result : DesignResult
         With the margins that it was designed for.
     model : Model
@@ -68,10 +134,10 @@ def require_over_intervals(
     folder : RunFolder
         With the records, and what was measured of the drive's gains.
 
-    Raises
-    ------
-    Refused
-        With what is known too badly, the end of its interval, and what is missing there.
+    Returns
+    -------
+    str
+        What is known too badly, the end of its interval, what is missing there and what to do; "" where the controller holds.
     """
     least = relaxed_to(result.specification, LEAST_PHASE_MARGIN_DEG)
 
@@ -81,19 +147,20 @@ def require_over_intervals(
     for end in _interval_ends(model):
         if short := missing(result.cascade, end.model):
             known, at = model.parameters[end.name], replace(end.model.parameters[end.name], interval=None)
-            raise Refused(
-                f"{name} does not hold over what is known of this axis: {end.name} is {known}, and at {at} {short}. {KEPT}; make a "
+            return (
+                f"{name} does not hold over what is known of this axis: {end.name} is {known}, and at {at} {short}; make a "
                 "response that tells it better (`beltcomm identify` at another place, or with --excitation chirp), or look what the model "
                 f"lacks: `beltcomm diagnose {pasted(folder.path)}`"
             )
     for cascade in at_interval_ends(folder, result.cascade):
         if short := missing(cascade, model):
-            raise Refused(
+            return (
                 f"{name} does not hold over what is known of this drive's gains, ± {100.0 * unsure(folder):.2g} %: should its Kp "
                 f"{result.cascade.kp_nm_s_rad:.3g} N m s/rad be {cascade.kp_nm_s_rad:.3g} and its Kv {result.cascade.kpp_1_s:.3g} 1/s be "
-                f"{cascade.kpp_1_s:.3g}, {short}. {KEPT}; measure them again (`beltcomm calibrate`), with a shorter --sample-period where "
+                f"{cascade.kpp_1_s:.3g}, {short}; measure them again (`beltcomm calibrate`), with a shorter --sample-period where "
                 "the bus allows one"
             )
+    return ""
 
 
 def _missing(found: WorstMargins, least: Specification) -> str:

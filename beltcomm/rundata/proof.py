@@ -152,32 +152,49 @@ def doubts(folder: RunFolder) -> list[str]:
     return found
 
 
-def admit(folder: RunFolder, talk: Talk, *, yes: bool, force: bool) -> None:
+def failures(saved: Mapping[str, Any]) -> list[str]:
+    """Doubts about a design whose own proof says that its gains are not to be used as they are, in words.
+
+    Parameters
+    ----------
+    saved : mapping of str to Any
+        ``designs/final.yaml``.
+    """
+    proven = saved.get("proof") or {}
+    return list(proven["doubts"]) if proven.get("failed") else []
+
+
+def admit(found: Sequence[str], talk: Talk, *, yes: bool, force: bool, moves: bool = False) -> None:
     """Warn of every doubt about the design and ask; ``yes`` alone is no answer to that.
 
     Parameters
     ----------
-    folder : RunFolder
+    found : sequence of str
+        The doubts; without any nothing is asked.
     talk : Talk
     yes : bool
         True for a consent given before.
     force : bool
         True if no doubt counts.
+    moves : bool
+        True for a move with the gains, which ends with the old ones.
 
     Raises
     ------
     Refused
     """
-    found = "; ".join(doubts(folder))
     if not found:
         return
-    talk.say(f"These gains are in doubt: {found}.")
+    said = "; ".join(found)
+    talk.say(f"These gains are in doubt: {said}.")
     if force:
         return
+    if yes and moves:
+        raise Refused(f"nothing was moved: {said}. Design again when that is mended, or move all the same with --force")
     if yes:
-        raise Refused(f"nothing was written: {found}; verify the design first, or write it all the same with --force")
-    if not talk.confirm("Write them all the same?"):
-        raise Declined("nothing was written, as you said")
+        raise Refused(f"nothing was written: {said}; verify the design first, or write it all the same with --force")
+    if not talk.confirm("Move with them all the same?" if moves else "Write them all the same?"):
+        raise Declined(f"nothing was {'moved' if moves else 'written'}, as you said")
 
 
 def suspect(folder: RunFolder, *, designed: bool = True) -> bool:

@@ -19,6 +19,7 @@ from beltcomm.identify.amplitude import (
     MotionLimits,
     Prediction,
     _predict,
+    carriage_stood,
     family_around,
     largest_amplitude,
     not_ruled_out,
@@ -30,7 +31,7 @@ from beltcomm.recording import Sidecar
 from beltcomm.simulate.stopping import Braking
 from identify.records import PERIOD_S, Recorder, true_model
 from truth import TruthPlant
-from truth.rigs import draw
+from truth.rigs import draw, nominal
 
 Array = NDArray[np.float64]
 AT_M = 0.28
@@ -231,3 +232,15 @@ def test_a_record_rules_out_carriages_too_light_for_it_and_none_that_a_louder_on
     left = not_ruled_out(family, record, truth["transmission.ratio"], AT_M)
     assert min(model["cart.mass"] for model in left) in lightest_kg
     assert covers(_predict(left, 0.75 * UNIT, PERIOD_S, AT_M), driven(again, 0.75 * UNIT))
+
+
+@pytest.mark.parametrize(("share", "stood"), [(0.15, True), (2.0, False)])
+@pytest.mark.parametrize("rig", ["g_a", "g_b"])
+def test_a_carriage_that_its_friction_held_is_told(rig: str, share: float, *, stood: bool) -> None:
+    """Torque as a share of what breaks the whole axis away; the guide has nearly all of the friction."""
+    plant = TruthPlant(replace(nominal(rig).axis, coulomb_motor_nm=0.002, coulomb_cart_n=20.0))
+    model = true_model(plant)
+    breakaway_nm = model["coulomb.level"] + model["transmission.ratio"] * model["cart_friction.level"]
+    record = Recorder(7).record(plant, lambda n, _angle: share * breakaway_nm * UNIT[n], len(UNIT), Sidecar("frf"))
+    assert carriage_stood(model, record, AT_M) is stood
+    assert carriage_stood(model.with_values({"cart.mass": 9987.0}), record, AT_M), "what a held carriage passes for"

@@ -15,9 +15,19 @@ from beltcomm.configfiles import find_config
 from beltcomm.errors import BeltcommError
 from session.bench import Bench
 from truth import TruthPlant
-from truth.drawn_axes import draw_axis
+from truth.drawn_axes import DrawnAxis, draw_axis
 
 NAMES = {"cart.mass": "mass_kg", "motor.inertia": "inertia_kg_m2"}
+
+
+def in_its_middle(drawn: DrawnAxis, folder: Path) -> tuple[Path, Bench]:
+    """axis.yaml of a drawn axis, and its drive, the carriage in the middle of the travel."""
+    file, plant, start = folder / "axis.yaml", folder / "plant.yaml", 0.5 * drawn.travel_m
+    file.write_text(yaml.safe_dump(drawn.sheet), encoding="utf-8")
+    shown = yaml.safe_load(find_config("plants", "g_a").read_text(encoding="utf-8"))  # the drive's zero; the machine is the truth
+    shown["parameters"]["transmission.ratio"]["value"], shown["drive"] = drawn.axis.transmission_m_rad, drawn.drive
+    plant.write_text(yaml.safe_dump(shown), encoding="utf-8")
+    return file, Bench(name=f"virtual:{plant}", plant=TruthPlant(drawn.axis, start_position_m=start), start_m=start)
 
 
 def commissioned(seed: int, folder: Path, highest_hz: float) -> dict[str, Any]:
@@ -27,12 +37,8 @@ def commissioned(seed: int, folder: Path, highest_hz: float) -> dict[str, Any]:
     carried more than its limit and the guide's friction, and the carriage stayed on its travel.
     """
     drawn = draw_axis(seed, highest_hz)
-    file, plant, start = folder / "axis.yaml", folder / "plant.yaml", 0.5 * drawn.travel_m
-    file.write_text(yaml.safe_dump(drawn.sheet), encoding="utf-8")
-    shown = yaml.safe_load(find_config("plants", "g_a").read_text(encoding="utf-8"))  # the drive's zero; the machine is the truth
-    shown["parameters"]["transmission.ratio"]["value"], shown["drive"] = drawn.axis.transmission_m_rad, drawn.drive
-    plant.write_text(yaml.safe_dump(shown), encoding="utf-8")
-    bench = Bench(name=f"virtual:{plant}", plant=TruthPlant(drawn.axis, start_position_m=start), start_m=start)
+    file, bench = in_its_middle(drawn, folder)
+    start = 0.5 * drawn.travel_m
     row: dict[str, Any] = {"seed": seed, "resonance_hz": round(drawn.resonance_hz), "counts": drawn.drive["counts_per_rev"]}
     began = time.process_time()
     try:

@@ -3,14 +3,28 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 
 from beltcomm.axis import load_axis
 from beltcomm.drive import open_drive
+from beltcomm.errors import DataError
+from beltcomm.experiments import commission
 from beltcomm.experiments.plan import commission_plan, identify_plan
-from beltcomm.experiments.sampling_limits import _claimed_hz, _expected_hz, _remark_after, _torque_remark, note_after, notes_before
+from beltcomm.experiments.sampling_limits import (
+    _claimed_hz,
+    _expected_hz,
+    _remark_after,
+    _torque_remark,
+    coarse_words,
+    note_after,
+    notes_before,
+)
 from identify.records import true_model
 from truth.rigs import nominal
 
@@ -73,3 +87,76 @@ def test_the_unit_of_torque_is_judged_by_the_inertia(factor: float, doubt: str, 
     item = replace(model.parameters["motor.inertia"], value=value, interval=0.01 * value)
     found = _torque_remark(replace(model, parameters={**model.parameters, "motor.inertia": item}), AXIS, capabilities)
     assert (found is None) if said is None else (found is not None and said in found)
+
+
+def read_by(counts: int, amplitude_nm: float) -> tuple[Any, Any]:
+    """A drive at 1 kHz with such an encoder, and a response with such an amplitude."""
+    return SimpleNamespace(counts_per_rev=counts, sample_period_s=1e-3), SimpleNamespace(
+        name="frf_1", torque=amplitude_nm * np.array([1.0, -1.0, 1.0])
+    )
+
+
+@pytest.mark.parametrize(("counts", "coarse"), [(2000, True), (65536, False)])
+def test_an_encoder_too_coarse_for_its_rows_is_named_with_rows_that_suit_it(counts: int, coarse: bool) -> None:
+    """Commissioned with the rows that it names, two axes of 2000 counts came out right (430 and 942 of the drawn ones, 4 ms)."""
+    words = coarse_words(AXIS, *read_by(counts, 0.3))
+    assert bool(words) is coarse
+    if coarse:
+        suits = re.search(r"--sample-period (\d+)ms", words)
+        assert suits is not None
+        longer_s = 1e-3 * int(suits[1])
+        jumps = AXIS.motor_side_inertia_kg_m2 * np.diff([0.0, 0.0, math.tau / counts, math.tau / counts], 2) / longer_s**2
+        assert np.abs(jumps).max() < 0.2 * 0.3 < np.abs(jumps).max() * (longer_s / (longer_s - 1e-3)) ** 2
+
+
+def test_no_loop_is_closed_on_a_fit_that_a_coarse_encoder_left_hardly_a_value(monkeypatch: pytest.MonkeyPatch) -> None:
+    drive, response = read_by(2000, 0.3)
+    machine: Any = SimpleNamespace(
+        axis=AXIS, drive=SimpleNamespace(capabilities=drive), folder=SimpleNamespace(recording=lambda _: response)
+    )
+    findings: Any = SimpleNamespace(final=SimpleNamespace(fit=SimpleNamespace(samples=6, free=("a", "b"))))
+    with pytest.raises(DataError, match=r"frf_1 has 6 values that count for 2 .*2000 counts per turn are coarse"):
+        commission.first_cascade(machine, findings, true_model(nominal("g_a")), 0.25)
+
+    def few(*_: Any) -> Any:
+        raise DataError("only 347 moving samples")
+
+    monkeypatch.setattr(commission, "final_model", few)
+    with pytest.raises(DataError, match=r"only 347 moving samples\. 2000 counts per turn are coarse"):
+        commission._begun_anew(machine, [response])
+
+
+@pytest.mark.parametrize(("stops", "tries"), [(0, 2), (3, 1)])
+def test_a_first_response_that_does_not_do_gets_another_beside_it(monkeypatch: pytest.MonkeyPatch, stops: int, tries: int) -> None:
+    """Made shorter and quieter after a stop it may not do; after too many stops nothing is excited any more."""
+    made: list[str] = []
+
+    def model(*_: Any) -> str:
+        if len(made) < 2:
+            raise DataError("only 347 moving samples")
+        return "model"
+
+    machine: Any = SimpleNamespace(
+        begin=lambda _: None, found=lambda *_: None, wanderings=stops, cascade=None, ratio=1.0,
+        axis=SimpleNamespace(mounting=SimpleNamespace(tilted=False), has_transmission=False, kind="belt"),
+        folder=SimpleNamespace(recording=lambda name: name),
+    )  # fmt: skip
+    breakaway = SimpleNamespace(holding_nm=0.0, coulomb_nm=0.1)
+    monkeypatch.setattr(commission, "unknown_masses_kg", lambda _: ())
+    monkeypatch.setattr(commission.phases, "sign_and_scale", lambda _: breakaway)
+    monkeypatch.setattr(commission.sameness, "check_breakaway", lambda *_: None)
+    monkeypatch.setattr(commission.sameness, "repeat_first_excitation", lambda *_: None)
+    monkeypatch.setattr(commission.gain_steps, "ensure", lambda *_: 0.0)
+    monkeypatch.setattr(commission.raising, "raise_amplitude", lambda *_, **__: SimpleNamespace(model=None, path=None))
+    monkeypatch.setattr(commission, "_first_response", lambda _machine, _findings, name, _seconds: made.append(name))
+    monkeypatch.setattr(commission, "_first_model", model)
+    monkeypatch.setattr(commission.scale, "check_fitted", lambda *_: None)
+    monkeypatch.setattr(commission, "acting_recording", lambda *_: None)
+    findings = commission.Findings()
+    if tries == 1:
+        with pytest.raises(DataError):
+            commission.identify_here(machine, findings)
+    else:
+        assert commission.identify_here(machine, findings) == "model"  # type: ignore[comparison-overlap]
+        assert "another response is made beside it: only 347" in findings.remarks[0]
+    assert made == ["frf_1", "frf_1_more"][:tries]

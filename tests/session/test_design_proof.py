@@ -26,11 +26,12 @@ from beltcomm.rundata.proof import doubts
 from beltcomm.rundata.store import cascade_from_dict, structure_from_dict
 from beltcomm.runfolder import RunFolder
 from beltcomm.simulate.forward import simulate_torque
-from session.bench import RATIO
+from session.bench import RATIO, Bench
 from session.conftest import Complete
 from session.test_commands import call, json_of
 
 Copy = Callable[..., Path]
+MakeBench = Callable[..., Bench]
 pytestmark = pytest.mark.usefixtures("fitted")
 
 
@@ -115,6 +116,30 @@ def test_a_load_that_the_gains_do_not_bear_is_a_doubt(copy_of_complete: Copy, co
     assert outcome.exit_code == 1
     assert "in doubt: frf_9 was made with another load" in outcome.stdout
     assert any("frf_9" in doubt for doubt in doubts(RunFolder.open(run)))
+
+
+def test_gains_that_do_not_hold_over_what_is_known_move_nothing_unasked(copy_of_complete: Copy, make_bench: MakeBench) -> None:
+    """One sentence by one rule: `commission` would have refused such a design; `verify` asked nothing."""
+    run, bench = copy_of_complete(), make_bench()
+    path = run / "models" / "final.yaml"
+    model = read_yaml(path)
+    mass, known = model["parameters"]["cart.mass"], model["covariance"]
+    mass["interval"], at = 0.95 * mass["value"], known["names"].index("cart.mass")
+    known["rows"][at][at] = (0.5 * mass["interval"]) ** 2  # its ties to the others stay as they were, and are next to nothing
+    write_text(path, to_yaml(model))
+    designed = json_of(call("design", run, "--json"), 1)
+    short = r"the design does not hold over what is known of this axis: cart\.mass is .* kg, and at .* kg it is unstable"
+    assert any(re.search(short, doubt) for doubt in designed["proof"]["doubts"])
+    assert designed["proof"]["failed"]
+    moves = ("verify", "--drive", "virtual", "--run", run)
+    refused = call(*moves, "--yes")
+    assert refused.exit_code == 1
+    assert re.search(f"nothing was moved: .*{short}", refused.stderr.replace("\n", " "))
+    no = call(*moves, answer="n\n")
+    assert (no.exit_code, "Move with them all the same?" in no.stderr) == (1, True)
+    assert bench.now_s == 0.0
+    assert call(*moves, "--yes", "--force").exit_code in {0, 1}
+    assert bench.now_s > 0.0
 
 
 def test_parameters_known_too_badly_make_loops_unstable(copy_of_complete: Copy, complete: Complete) -> None:

@@ -135,17 +135,14 @@ def test_stops_are_counted_and_said() -> None:
     assert machine.wanderings == 3, "of a carriage that went too far only"
 
 
-@pytest.mark.parametrize(("before", "tries"), [(0, 3), (1, 2), (2, 1)], ids=["none before", "one before", "two before"])
-def test_the_third_stop_of_a_session_leaves_its_place_out_with_all_responses_after_it(
-    monkeypatch: pytest.MonkeyPatch, before: int, tries: int
-) -> None:
-    """What was measured at the first place makes a result; it says where nothing was measured.   before : stops of the first response."""
+def recorded(monkeypatch: pytest.MonkeyPatch, stopped: str, problem: SafetyStop, before: int = 0) -> tuple[list[str], list[str], Any]:
+    """Records that a programme tries, its remarks and its machine, where one of them is stopped each time.   before : stops until then."""
     made: list[str] = []
 
     def make(_machine: Any, _loop: Any, _step: Step, name: str, *_: Any) -> None:
         made.append(name)
-        if name == "frf_2":
-            raise SafetyStop("too far", "position")
+        if name == stopped:
+            raise problem
 
     monkeypatch.setattr(recentre.phases, "move_to", lambda *_: None)
     monkeypatch.setattr(recentre.phases, "stroke_ends", lambda _machine: (0.03, 0.47))
@@ -162,11 +159,35 @@ def test_the_third_stop_of_a_session_leaves_its_place_out_with_all_responses_aft
     findings: Any = SimpleNamespace(remarks=[], calibrating_s=0.0, excited=None, final=None)
     model: Any = None
     recording_steps.record_steps(machine, findings, model, model, "standard")
+    return made, findings.remarks, machine
+
+
+@pytest.mark.parametrize(("before", "tries"), [(0, 3), (1, 2), (2, 1)], ids=["none before", "one before", "two before"])
+def test_the_third_stop_of_a_session_leaves_its_place_out_with_all_responses_after_it(
+    monkeypatch: pytest.MonkeyPatch, before: int, tries: int
+) -> None:
+    """What was measured at the first place makes a result; it says where nothing was measured.   before : stops of the first response."""
+    made, remarks, machine = recorded(monkeypatch, "frf_2", SafetyStop("too far", "position"), before)
     assert made.count("frf_2") == tries
     assert machine.wanderings == 3
     assert not [name for name in made if name.startswith("frf_") and name != "frf_2"]
     assert "sweep" in made
-    assert len([text for text in findings.remarks if "left out" in text]) >= 3
+    assert len([text for text in remarks if "left out" in text]) >= 3
+
+
+@pytest.mark.parametrize("reason", ["lag", "position"])
+def test_a_record_that_a_weak_loop_never_follows_is_left_out_where_nothing_rests_on_it(
+    monkeypatch: pytest.MonkeyPatch, reason: str
+) -> None:
+    """As seen at 931: after ten records the way to the last of them ended the whole session."""
+    made, remarks, _ = recorded(monkeypatch, "moves_1", SafetyStop("behind", reason))
+    assert made.count("moves_1") == 4
+    assert "sweep_2" in made
+    assert [text for text in remarks if re.match(r"moves_1 .* was left out: behind", text)]
+    with pytest.raises(SafetyStop, match="behind"):
+        recorded(monkeypatch, "sweep", SafetyStop("behind", reason))
+    with pytest.raises(SafetyStop, match="hot"):
+        recorded(monkeypatch, "moves_1", SafetyStop("hot", "heat"))
 
 
 @pytest.mark.parametrize(
@@ -201,14 +222,14 @@ def test_a_first_response_that_wanders_is_made_again_with_less_torque(
     monkeypatch.setattr(phases, "motion_limits", lambda *_: None)
     monkeypatch.setattr(phases, "total_friction", lambda _model: friction_nm)
     monkeypatch.setattr(phases.analyse, "characteristic_hz", lambda *_: (40.0, 90.0))
-    findings: Any = SimpleNamespace(remarks=[], excited=None, breakaway=Breakaway(0.05, 0.05))
     excited = Excited(AmplitudeStep(0.5, Prediction(0.0, 0.0, 0.0, 0.0), "belt force"), (), load_plant("g_b").model, 0.4)
+    findings: Any = SimpleNamespace(remarks=[], excited=excited, breakaway=Breakaway(0.05, 0.05))
     machine: Any = Standing(*[0.27] * 20)
     machine.drive.capabilities = SimpleNamespace(sample_period_s=1e-3)
     machine.excitation, machine.axis, machine.wanderings = "prbs", SimpleNamespace(torque_limit_nm=2.0), before
     ends = reason != "position" or before + stops >= recentre.MOST_STOPS
     with pytest.raises(SafetyStop) if ends else nullcontext():
-        commission._first_response(machine, findings, excited, 5.0)
+        commission._first_response(machine, findings, "frf_1", 5.0)
     assert made == amplitudes_nm
     assert len(findings.remarks) == len(amplitudes_nm) - 1
     if findings.remarks:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +19,7 @@ from beltcomm.experiments import commission as sequence
 from beltcomm.identify.final import FinalModel
 from beltcomm.model import Model
 from beltcomm.rundata import analyse
-from beltcomm.rundata.interval_margins import first_loop_plants, require_over_intervals
+from beltcomm.rundata.interval_margins import _interval_ends, first_loop_over_intervals, first_loop_plants, over_intervals
 from beltcomm.runfolder import RunFolder
 from design.closed_loop import run
 from identify.records import true_model
@@ -57,18 +58,24 @@ def test_a_loop_holds_over_the_interval_of_its_mass_or_is_refused(tmp_path: Path
     ends = [model.with_values({"cart.mass": max(mass * (1.0 + sign * share), 1e-3)}) for sign in (-1.0, 1.0)]
     assert all(settles(end, result.cascade) for end in ends) is holds
 
-    def judge() -> None:
-        require_over_intervals("the first loop", result, model, lambda at: first_loop_plants(at, *SEEN), folder_of(tmp_path))
-
+    short = over_intervals("the first loop", result, model, lambda at: first_loop_plants(at, *SEEN), folder_of(tmp_path))
     if holds:
-        judge()
+        assert not short
         return
-    with pytest.raises(
-        Refused, match=r"the first loop does not hold .* cart\.mass is 13\.4\d* ± .* kg, and at .* it is unstable"
-    ) as refusal:
-        judge()
-    assert refusal.value.exit_code == 1
-    assert "beltcomm identify" in str(refusal.value)
+    assert re.search(r"the first loop does not hold .* cart\.mass is 13\.4\d* ± .* kg, and at .* it is unstable", short)
+    assert "beltcomm identify" in short
+
+
+@pytest.mark.parametrize("name", ["cart.mass", "belt_stiffness.stiffness"])
+def test_a_first_loop_that_does_not_hold_over_the_intervals_is_made_gentler(tmp_path: Path, name: str) -> None:
+    model, folder = known_to(0.9, name), folder_of(tmp_path)
+    usual, gentler = analyse.first_loop(model, REFERENCE, *SEEN), first_loop_over_intervals(model, REFERENCE, *SEEN, folder)
+    assert gentler.cascade.kp_nm_s_rad < 0.6 * usual.cascade.kp_nm_s_rad
+    ends = [end.model for end in _interval_ends(model)]
+    assert not all(settles(end, usual.cascade) for end in ends)
+    assert all(settles(end, gentler.cascade) for end in (model, *ends))
+    known = known_to(0.02, name)
+    assert first_loop_over_intervals(known, REFERENCE, *SEEN, folder).cascade == analyse.first_loop(known, REFERENCE, *SEEN).cascade
 
 
 def test_a_margin_that_is_left_but_thin_is_named_with_its_limit(tmp_path: Path) -> None:
@@ -77,8 +84,8 @@ def test_a_margin_that_is_left_but_thin_is_named_with_its_limit(tmp_path: Path) 
     mass = model.parameters["cart.mass"]
     model = replace(model, parameters={**model.parameters, "cart.mass": replace(mass, low=0.9 * mass.value)})
     result = analyse.first_loop(known_to(0.02), REFERENCE, *SEEN)
-    with pytest.raises(Refused, match=r"at 37\.\d+ kg its position loop is left with \d+\.\d deg of phase margin, 25\.0 are the least"):
-        require_over_intervals("the first loop", result, model, lambda at: first_loop_plants(at, *SEEN), folder_of(tmp_path))
+    short = over_intervals("the first loop", result, model, lambda at: first_loop_plants(at, *SEEN), folder_of(tmp_path))
+    assert re.search(r"at 37\.\d+ kg its position loop is left with \d+\.\d deg of phase margin, 25\.0 are the least", short)
 
 
 @pytest.mark.parametrize(("half", "holds"), [(0.02, True), (0.9, False)])
@@ -89,14 +96,9 @@ def test_a_loop_holds_over_the_interval_of_the_drives_gains_or_is_refused(tmp_pa
     folder.save("results", "calibration", {"kind": "x", "rated_torque_nm": 1.4, "rated_current_a": 2.2, "units": {"kp_nm_s_rad": kp}})
     result = analyse.first_loop(model, REFERENCE, *SEEN)
 
-    def judge() -> None:
-        require_over_intervals("the final design", result, model, lambda at: first_loop_plants(at, *SEEN), folder)
-
-    if holds:
-        judge()
-    else:
-        with pytest.raises(Refused, match=r"the final design does not hold .* gains, ± 90 %: should its Kp .*beltcomm calibrate"):
-            judge()
+    short = over_intervals("the final design", result, model, lambda at: first_loop_plants(at, *SEEN), folder)
+    asked = re.search(r"the final design does not hold .* gains, ± 90 %: should its Kp .*beltcomm calibrate", short)
+    assert (not short) if holds else asked
 
 
 @pytest.mark.parametrize("fit", ["final_model", "begun_best"])

@@ -29,7 +29,7 @@ class Search:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, limit_nm: float = 10.0, moves_from_nm: float = 0.0) -> None:
         self.limit_nm, self.moves_from_nm = limit_nm, moves_from_nm
-        self.stops_from_nm, self.reason, self.stands = float("inf"), "position", True
+        self.stops_from_nm, self.reason, self.stands, self.free_from_nm = float("inf"), "position", True, 0.0
         self.made: list[tuple[float, int]] = []
         folder = SimpleNamespace(finished=lambda _name: None, journal=lambda _text: None)
         capabilities = SimpleNamespace(counts_per_rev=65536, sample_period_s=1e-3)
@@ -51,6 +51,7 @@ class Search:
             "_louder": lambda _machine, _family, _made, most_nm: self.step(most_nm),
             "moves_enough": lambda recording, *_: recording >= self.moves_from_nm,
             "not_ruled_out": lambda family, *_: family,
+            "carriage_stood": lambda _model, recording, _at: recording < self.free_from_nm,
             "first_path": lambda *_: FirstPath(FAITHFUL, MODEL),
             "stands_after": lambda _machine, problem: self.stands and problem.reason == "position",
         }.items():
@@ -113,6 +114,27 @@ def test_where_a_limit_binds_and_nothing_moves_the_changes_become_slower(monkeyp
     assert [clock for _, clock in search.made] == [2, 3, 4, 6], "each sequence once, then the estimate says what it can"
 
 
+def test_a_record_that_only_stretched_the_belt_is_no_estimate(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As behind 10:1: the motor breaks away long before the carriage, which passed for one of 10 t."""
+    search = Search(monkeypatch, limit_nm=0.9)
+    search.free_from_nm = 0.5
+    assert len(search().recordings) == len(search.made) == 4
+    assert [a for a, _ in search.made] == [0.2, 0.34, 0.578, 0.9]
+    search = Search(monkeypatch, limit_nm=0.3)
+    search.free_from_nm = 0.5
+    with pytest.raises(Refused, match=r"±0\.300 N m .*limit on speed allows, moved its motor .* not the carriage.*payload"):
+        search()
+    assert [clock for _, clock in search.made] == [2, 2, 3, 4, 6], "louder as far as it may be, then slower changes"
+
+
+def test_an_amplitude_that_was_asked_for_and_moves_nothing_is_not_repeated_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    search = Search(monkeypatch)
+    search.free_from_nm, search.machine.asked = 0.5, replace(AS_CHOSEN, amplitude_nm=0.25)
+    with pytest.raises(Refused, match=r"±0\.250 N m of excitation, all that is asked for,.*ask for more \(--amplitude\)"):
+        search()
+    assert [a for a, _ in search.made] == [0.2, 0.25]
+
+
 def test_a_carriage_that_wanders_ends_the_search_with_what_stayed_inside(monkeypatch: pytest.MonkeyPatch) -> None:
     search = Search(monkeypatch)
     search.stops_from_nm = 0.5
@@ -144,3 +166,4 @@ def test_breaking_away_bounds_the_friction_where_the_belt_is_stiff(slope_nm_s: f
     breakaway = Breakaway(0.1, 0.1, slope_nm_s)
     assert breakaway.most_friction_nm(2e5, 1e-4, 0.0133) == pytest.approx(most_nm)
     assert breakaway.most_friction_nm(1e4, 1e-4, 0.0133) == float("inf")
+    assert breakaway.most_friction_nm(1.45e5, 1e-4, 0.0133) == float("inf"), "less than all the torque: the carriage may have stood"
