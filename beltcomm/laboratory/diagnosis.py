@@ -13,6 +13,7 @@ from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.fit.base import (
     FIRST_ITERATIONS,
     NEXT_ITERATIONS,
+    ROUGH,
     fit_base,
     in_groups_of,
     likeliest_path,
@@ -295,7 +296,8 @@ def diagnose(
         beside = (taken.best.beside,) if taken.best.beside in kept.model.effects else ()
         steps.append(Stage(current, tuple(taken.candidates), name, removed, kept, (*on_body.new, *beside)))
         current = kept
-        if len(steps) == 1 and data.path.rivals and not needs_observer(current.model):  # what was missing had told the path
+        # What was missing had told the path.
+        if (len(steps) == 1 and data.path.rivals or steps[-1].before.ratio > ROUGH) and not needs_observer(current.model):
             data, current = likeliest_path(*refine_path(data, current))
             steps[-1] = replace(steps[-1], after=current)
         if current.objective < QUIET * current.problem.samples:
