@@ -53,6 +53,8 @@ FAR_OFF = 2.0
 BOUNDED, HARDLY = 2.6, 0.01
 #: s of records that the splits are held against, and iterations of each fit.
 ENOUGH_S, ITERATIONS = 8.0, 15
+#: Share of a record's samples that must count for it to be one of these.
+LEAST_COUNTING = 0.02
 #: O per sample above the best that no values of a path make good.
 BEHIND = 0.2
 #: Kinds of split, the best by values of the reading alone, whose values the motion is asked for before one is taken.
@@ -145,7 +147,7 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
         return _by_motion(data, fitted.model, to_fit, chain) if data.path.commanded else _undone(data, start, to_fit)
     if (fitted.ratio <= GOOD and not shaped) or _illegible(data, start):
         return PathChoice(faithful, chain)
-    lively = _liveliest(to_fit)
+    lively = _liveliest(data, to_fit)
     other = next((rival for rival in sorted(chain.rivals, key=lambda rival: rival.cost) if rival.at_end != chain.at_end), None)
     sample_s = lively[0].sample_period_s
     ways = ways_of([(one.law, one.at_end) for one in (chain, other) if one is not None], sample_s)
@@ -220,15 +222,24 @@ def _values(law: DriveLaw) -> int:
     return sum(len(lag.values) for lag in law.lags) + (abs(law.delay - round(law.delay)) > WHOLE)
 
 
-def _liveliest(recordings: Sequence[Recording]) -> list[Recording]:
-    """Records whose torque changes most, :data:`ENOUGH_S` of them."""
+def _liveliest(data: Data, recordings: Sequence[Recording]) -> list[Recording]:
+    """Records whose torque changes most, :data:`ENOUGH_S` of them; not those of which hardly a sample counts.
+
+    A controller behind a coarse encoder shakes the torque of the slowest stroke most, and the motor rests between the counts.
+    """
     order = sorted(recordings, key=lambda r: -float(np.mean(np.diff(r.torque) ** 2)) / r.sample_period_s)
+    counting = [r for r in order if _counting_share(data, r) >= LEAST_COUNTING]
     chosen, seconds = list[Recording](), 0.0
-    for recording in order:
+    for recording in counting or order:
         if seconds < ENOUGH_S:
             chosen.append(recording)
             seconds += float(recording.t_s[-1] - recording.t_s[0])
     return chosen
+
+
+def _counting_share(data: Data, recording: Recording) -> float:
+    """Share of a record's samples of which the values of a fit are made."""
+    return sum(piece.group * len(piece.value_samples) for piece in data.fitted if piece.record == recording.name) / len(recording.t_s)
 
 
 def _fit_by(
@@ -356,7 +367,7 @@ def _best_time_constant(
 
 def _undone(data: Data, start: Model, to_fit: Sequence[Recording]) -> PathChoice:
     """Without setpoint: what the motion asks for of a drive and a reading that are not ideal, one thing after the other."""
-    lively = _liveliest(to_fit)
+    lively = _liveliest(data, to_fit)
     families = families_without_setpoint(lively[0].sample_period_s)
     path = TorquePath(without_setpoint=True)
     choice = PathChoice(path, None, _fit_by(data, lively, start, path))
@@ -400,7 +411,7 @@ def _motion_asks_for_path(data: Data, fitted: Fitted) -> bool:
 
 def _by_motion(data: Data, start: Model, to_fit: Sequence[Recording], chain: ReadingFit | None) -> PathChoice:
     """The reading is the command: what lies between it and the torque is told by the motion alone."""
-    lively, law = _liveliest(to_fit), DriveLaw(0.0) if chain is None else chain.law
+    lively, law = _liveliest(data, to_fit), DriveLaw(0.0) if chain is None else chain.law
     plain, sample_s = TorquePath(law, commanded=True, without_setpoint=chain is None), lively[0].sample_period_s
 
     def behind(time_s: float, half_s: float) -> TorquePath:

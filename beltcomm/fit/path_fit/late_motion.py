@@ -16,6 +16,8 @@ from beltcomm.model import Model
 #: Effects between the torque that is read and the motion, each with one time, and what is tried beside them by the chosen path: a lag of
 #: the reading is no reason for another one, which has such lags of its own.
 BETWEEN, BESIDE = ("dead_time", "current_lag"), ("measurement_lag",)
+#: What most guides have, and hides a path as well.
+RUBS = "cart_friction"
 #: Share of what lies above the noise that such an effect may leave, and how much of it per sample.
 MAY_LEAVE, MOST_LEFT = 0.3, 0.5
 
@@ -53,12 +55,13 @@ def effect_between(
     if any(name in start.effects for name in (*BETWEEN, *BESIDE)):
         return ""
     samples = max(fitted.problem.samples, 1)
+    sought = (*BETWEEN, RUBS) if "cart" in start.base_bodies and RUBS not in start.effects else BETWEEN
 
-    def tried(path: TorquePath, names: Sequence[str] = BETWEEN) -> list[tuple[float, str]]:
+    def tried(path: TorquePath, names: Sequence[str] = sought) -> list[tuple[float, str]]:
         found = [(fit_by(start.with_effect(name), path), name) for name in names]
         return [(f.objective / f.problem.samples if 2 * f.problem.samples > samples else math.inf, name) for f, name in found]
 
-    own, _ = min(tried(chosen, (*BETWEEN, *BESIDE)))
+    own, _ = min(tried(chosen, (*sought, *BESIDE)))
     least, best = min((one for path in others for one in tried(path)), default=(math.inf, ""))
     explains = least - 1.0 < min(MAY_LEAVE * (fitted.objective / samples - 1.0), MOST_LEFT)
     return best if explains and samples * (own - least) > clear else ""
