@@ -65,6 +65,8 @@ Verdict = Literal["nothing missing", "explained", "partly explained", "none of t
 SETTLED_ITERATIONS = 4
 #: O per sample from which on, beside added effects, it is asked what the base may have swallowed: laws may be others than the machine's.
 BESIDE_ADDED = 1.08
+#: Deviations by which the mean square of a few values is above 1 by chance.
+BY_CHANCE = 2.0
 #: Share of what lies above the noise that must not be left for a verdict that something was explained.
 MOSTLY_LEFT = 0.9
 #: Factor from which on the error as a whole has grown by an effect; less is the noise, which is calibrated anew.
@@ -546,7 +548,7 @@ def _verdict_of(base: Fitted, steps: Sequence[Stage], twins: tuple[str, ...], le
     if added <= undetermined:
         return "cannot tell"
     if (
-        level >= MISSING
+        level >= max(MISSING, 1.0 + BY_CHANCE * math.sqrt(2.0 / after.problem.samples))
         or max(after.ratio, after.held_out_ratio or 0.0) >= GIVEN_UP
         or left >= STRUCTURED_BESIDE
         or parameters_at_bounds(after.model, base.model)

@@ -19,7 +19,7 @@ from scipy.optimize import minimize_scalar
 from beltcomm.arrays import Array
 from beltcomm.fit.estimate import Fitted, fit, fit_of, problem_of
 from beltcomm.fit.noise.level import is_held, repeats_itself
-from beltcomm.fit.path_fit.late_motion import effect_between
+from beltcomm.fit.path_fit.late_motion import RUBS, effect_between, rubs_instead
 from beltcomm.fit.path_fit.trial_paths import (
     LATE_SHARES,
     LOOP_SHARES,
@@ -90,7 +90,8 @@ class PathChoice:
     rivals : tuple of tuple[TorquePath, float]
         The others, with -2 ln L above that of the one taken.
     between : str
-        Effect between reading and motion, with which another path is likelier than this one without; empty for none.
+        Effect with which the path is to be told: one between reading and motion, with which another path is likelier than this one without,
+        or friction at the carriage; empty for none.
     """
 
     path: TorquePath
@@ -164,9 +165,12 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
     choice = _best_shape(data, lively, _best(trials, chain, less_likely=less_likely))
     if choice.fitted is None or choice.fitted.ratio <= (GOOD if hidden else FAR_OFF):  # with such an effect no filter may be hidden
         return choice
+    by = partial(_fit_by, data, lively)
+    if choice.fitted.ratio > FAR_OFF and rubs_instead(by, start, choice.fitted, [choice.path, *(path for path, _ in choice.rivals)]):
+        return replace(choice, between=RUBS)
     others = [path for path in ways if path != choice.path]
     clear = clear_gain(choice.fitted.problem.samples)
-    return replace(choice, between=effect_between(partial(_fit_by, data, lively), start, choice.path, choice.fitted, others, clear))
+    return replace(choice, between=effect_between(by, start, choice.path, choice.fitted, others, clear))
 
 
 def _refine(data: Data, recordings: Sequence[Recording], path: TorquePath, fitted: Fitted) -> tuple[TorquePath, Fitted]:

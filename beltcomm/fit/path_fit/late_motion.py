@@ -16,8 +16,8 @@ from beltcomm.model import Model
 #: Effects between the torque that is read and the motion, each with one time, and what is tried beside them by the chosen path: a lag of
 #: the reading is no reason for another one, which has such lags of its own.
 BETWEEN, BESIDE = ("dead_time", "current_lag"), ("measurement_lag",)
-#: What most guides have, and hides a path as well.
-RUBS = "cart_friction"
+#: What most guides have and hides a path as well, and beside how many of the likeliest paths it is tried.
+RUBS, LIKELIEST = "cart_friction", 4
 #: Share of what lies above the noise that such an effect may leave, and how much of it per sample.
 MAY_LEAVE, MOST_LEFT = 0.3, 0.5
 
@@ -55,13 +55,43 @@ def effect_between(
     if any(name in start.effects for name in (*BETWEEN, *BESIDE)):
         return ""
     samples = max(fitted.problem.samples, 1)
-    sought = (*BETWEEN, RUBS) if "cart" in start.base_bodies and RUBS not in start.effects else BETWEEN
 
-    def tried(path: TorquePath, names: Sequence[str] = sought) -> list[tuple[float, str]]:
+    def tried(path: TorquePath, names: Sequence[str] = BETWEEN) -> list[tuple[float, str]]:
         found = [(fit_by(start.with_effect(name), path), name) for name in names]
-        return [(f.objective / f.problem.samples if 2 * f.problem.samples > samples else math.inf, name) for f, name in found]
+        return [(_level(f) if 2 * f.problem.samples > samples else math.inf, name) for f, name in found]
 
-    own, _ = min(tried(chosen, (*sought, *BESIDE)))
+    own, _ = min(tried(chosen, (*BETWEEN, *BESIDE)))
     least, best = min((one for path in others for one in tried(path)), default=(math.inf, ""))
-    explains = least - 1.0 < min(MAY_LEAVE * (fitted.objective / samples - 1.0), MOST_LEFT)
+    explains = least - 1.0 < min(MAY_LEAVE * (_level(fitted) - 1.0), MOST_LEFT)
     return best if explains and samples * (own - least) > clear else ""
+
+
+def rubs_instead(
+    fit_by: Callable[[Model, TorquePath], Fitted], start: Model, fitted: Fitted, likeliest: Sequence[TorquePath]
+) -> bool:
+    """Whether friction at the carriage explains most of what a base leaves by the path that was chosen without it.
+
+    Parameters
+    ----------
+    fit_by : callable
+        Of a start model and a path, the fit.
+    start : Model
+        Of the base.
+    fitted : Fitted
+        The base by the path that was chosen.
+    likeliest : sequence of TorquePath
+        The likeliest first.
+    """
+    if "cart" not in start.base_bodies or RUBS in start.effects:
+        return False
+    may_leave = MAY_LEAVE * (_level(fitted) - 1.0)
+    rubbing = start.with_effect(RUBS)
+    for path in likeliest[:LIKELIEST]:
+        found = fit_by(rubbing, path)
+        if 2 * found.problem.samples > fitted.problem.samples and _level(found) - 1.0 < may_leave:
+            return True
+    return False
+
+
+def _level(fitted: Fitted) -> float:
+    return fitted.objective / max(fitted.problem.samples, 1)
