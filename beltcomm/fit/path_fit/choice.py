@@ -155,6 +155,9 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
     if not any(path.reading.faithful for path in ways):
         ways.append(faithful)
     trials = _possible(_fit_ways(data, lively, start, [*ways, *instantaneous_paths()]), sample_s)
+    by = partial(_fit_by, data, lively)
+    if trials[0][1].ratio > FAR_OFF and rubs_instead(by, start, trials[0][1], [path for path, _ in trials]):
+        return replace(_best(trials, chain), between=RUBS)
     trials, hidden = _refine_kinds(data, lively, trials), list[TorquePath]()
     if trials[0][1].ratio > HIDDEN:
         hidden = ways_of([(one.law, one.at_end) for one in hidden_chains(to_fit, chain)], sample_s, beside=ways)
@@ -165,9 +168,6 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
     choice = _best_shape(data, lively, _best(trials, chain, less_likely=less_likely))
     if choice.fitted is None or choice.fitted.ratio <= (GOOD if hidden else FAR_OFF):  # with such an effect no filter may be hidden
         return choice
-    by = partial(_fit_by, data, lively)
-    if choice.fitted.ratio > FAR_OFF and rubs_instead(by, start, choice.fitted, [choice.path, *(path for path, _ in choice.rivals)]):
-        return replace(choice, between=RUBS)
     others = [path for path in ways if path != choice.path]
     clear = clear_gain(choice.fitted.problem.samples)
     return replace(choice, between=effect_between(by, start, choice.path, choice.fitted, others, clear))

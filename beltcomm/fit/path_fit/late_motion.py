@@ -16,8 +16,9 @@ from beltcomm.model import Model
 #: Effects between the torque that is read and the motion, each with one time, and what is tried beside them by the chosen path: a lag of
 #: the reading is no reason for another one, which has such lags of its own.
 BETWEEN, BESIDE = ("dead_time", "current_lag"), ("measurement_lag",)
-#: What most guides have and hides a path as well, and beside how many of the likeliest paths it is tried.
-RUBS, LIKELIEST = "cart_friction", 4
+#: What most guides have and hides a path as well, beside how many of the likeliest paths it is tried, whose values are not the last ones,
+#: and share of what lies above the noise that it may leave there.
+RUBS, LIKELIEST, RUBS_LEAVES = "cart_friction", 4, 0.5
 #: Share of what lies above the noise that such an effect may leave, and how much of it per sample.
 MAY_LEAVE, MOST_LEFT = 0.3, 0.5
 
@@ -84,7 +85,7 @@ def rubs_instead(
     """
     if "cart" not in start.base_bodies or RUBS in start.effects:
         return False
-    may_leave = MAY_LEAVE * (_level(fitted) - 1.0)
+    may_leave = RUBS_LEAVES * (_level(fitted) - 1.0)
     rubbing = start.with_effect(RUBS)
     for path in likeliest[:LIKELIEST]:
         found = fit_by(rubbing, path)
