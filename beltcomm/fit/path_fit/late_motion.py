@@ -67,9 +67,7 @@ def effect_between(
     return best if explains and samples * (own - least) > clear else ""
 
 
-def rubs_instead(
-    fit_by: Callable[[Model, TorquePath], Fitted], start: Model, fitted: Fitted, likeliest: Sequence[TorquePath]
-) -> bool:
+def rubs_instead(fit_by: Callable[[Model, TorquePath], Fitted], start: Model, fitted: Fitted, likeliest: Sequence[TorquePath]) -> bool:
     """Whether friction at the carriage explains most of what a base leaves by the path that was chosen without it.
 
     Parameters
