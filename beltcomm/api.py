@@ -197,13 +197,7 @@ def identify(drive: str, axis: Axis | Place, run: Place, *, options: Options | N
 
 
 def _identify(connected: Drive, drive: str, axis: Axis, run: Path, options: Options, talk: Talk, *, whole: bool = False) -> Result:
-    """Job of :func:`identify` on a connected drive.
-
-    Parameters
-    ----------
-    whole : bool
-        The whole job was asked for, so that this is not success.
-    """
+    """Job of :func:`identify` on a connected drive; ``whole``: the whole job was asked for, so that this is not success."""
     phases.check_asked(options.asked, options.excitation, axis, connected.capabilities)
     if options.dry_run:
         plan = identify_plan(axis, connected.capabilities, options.window_m, options.asked)

@@ -20,11 +20,6 @@ def rms(values: Array) -> float:
     ----------
     values : ndarray
         Of any unit; one at least.
-
-    Returns
-    -------
-    float
-        In their unit.
     """
     return float(np.sqrt(np.mean(values**2)))
 
@@ -102,11 +97,6 @@ def runs_of(mask: BoolArray) -> list[tuple[int, int]]:
     ----------
     mask : ndarray of bool (n,)
         Of the rows.
-
-    Returns
-    -------
-    list of tuple of int
-        In their order.
     """
     edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8)))
     return [(int(begin), int(end)) for begin, end in edges.reshape(-1, 2)]

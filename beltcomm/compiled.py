@@ -50,15 +50,6 @@ def within_kernels(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """Compile what compiled functions alone call: nothing of it is cached but inside them, and Python must not call it.
 
     Without the two ways in for others a short law takes half the time to compile.
-
-    Parameters
-    ----------
-    function : callable
-
-    Returns
-    -------
-    callable
-        It has no way in from Python.
     """
     return cast("Callable[_P, _R]", numba.njit(**_NO_WAY_IN)(function))
 
@@ -88,11 +79,6 @@ def in_lanes(function: Callable[_P, _R]) -> Callable[_P, _R]:
     ----------
     function : callable
         Of numbers and arrays.
-
-    Returns
-    -------
-    callable
-        The same call.
     """
     return cast("Callable[_P, _R]", _kept(numba.njit(**_LANES)(function)))
 
@@ -165,11 +151,6 @@ def in_one_thread(function: Callable[_P, _R]) -> Callable[_P, _R]:
     ----------
     function : callable
         Of any signature.
-
-    Returns
-    -------
-    callable
-        The same call.
     """
 
     @wraps(function)

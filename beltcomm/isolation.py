@@ -28,13 +28,17 @@ _BEGIN = (
 _LISTS = ("PATH", "PYTHONPATH")
 
 
-def start(command: Sequence[str]) -> subprocess.Popen[bytes]:
-    """A process beside this one that reads and says nothing.
+def start(command: Sequence[str], stdout: int = subprocess.DEVNULL, **variables: str) -> subprocess.Popen[bytes]:
+    """A process beside this one that reads nothing.
 
     Parameters
     ----------
     command : sequence of str
         Program and words.
+    stdout : int
+        ``subprocess.PIPE`` for one that writes what it finds into a pipe; else it says nothing.
+    **variables : str
+        Of its environment.
 
     Raises
     ------
@@ -42,25 +46,7 @@ def start(command: Sequence[str]) -> subprocess.Popen[bytes]:
         When it cannot be started.
     """
     quiet = subprocess.DEVNULL
-    return subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet, env=_environment())
-
-
-def piped(command: Sequence[str], **variables: str) -> subprocess.Popen[bytes]:
-    """A process that writes what it finds into a pipe.
-
-    Parameters
-    ----------
-    command : sequence of str
-        Program and words.
-    variables : str
-        Of its environment.
-
-    Raises
-    ------
-    OSError
-    """
-    quiet = subprocess.DEVNULL
-    return subprocess.Popen(command, stdin=quiet, stdout=subprocess.PIPE, stderr=quiet, env={**_environment(), **variables})
+    return subprocess.Popen(command, stdin=quiet, stdout=stdout, stderr=quiet, env={**_environment(), **variables})
 
 
 def session(command: Sequence[str]) -> subprocess.Popen[bytes]:

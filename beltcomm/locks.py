@@ -213,11 +213,6 @@ def link_refused(path: Path) -> UsageError:
     ----------
     path : Path
         The link.
-
-    Returns
-    -------
-    UsageError
-        To be raised.
     """
     return UsageError(
         f"{path} is a link to {os.path.realpath(path)}; nothing is written through links inside a run. Put what it points to in its place"

@@ -114,7 +114,7 @@ def bar(share: float) -> str:
     return f"[{'#' * filled}{'.' * (BAR - filled)}]"
 
 
-def command_lines(command: str, why: str = "") -> list[Line]:
+def command_lines(command: str, why: str) -> list[Line]:
     """Next command, alone on its line, so that it can be copied.
 
     Parameters

@@ -48,7 +48,7 @@ class Sent:
     reference: LedReference | None = None
 
 
-def reference_for(model: Model, cascade: Cascade, path: Trajectory, drive: Loop, sending: Sending, time_s: float = 0.0) -> Sent:
+def reference_for(model: Model, cascade: Cascade, path: Trajectory, drive: Loop, sending: Sending, time_s: float) -> Sent:
     """Reference and torque for a motion of the carriage that ends with a rest.
 
     Parameters
@@ -99,9 +99,7 @@ def grid_of(sent: Trajectory, drive: Loop) -> SetpointGrid:
     return SetpointGrid(sent.sample_period_s, drive.structure.period_s, len(sent.t_s))
 
 
-def predict_sent(
-    model: Model, cascade: Cascade, sent: Sent, drive: Loop, *, belt_stretch_m: float = 0.0, time_s: float = 0.0
-) -> PredictedMove:
+def predict_sent(model: Model, cascade: Cascade, sent: Sent, drive: Loop, *, belt_stretch_m: float = 0.0, time_s: float) -> PredictedMove:
     """The axis with a controller along what is sent, held against the motion that the motor is to make.
 
     Parameters

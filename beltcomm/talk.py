@@ -84,12 +84,7 @@ class Talk(Protocol):
         ...
 
     def moving(self, place: CarriagePosition) -> None:
-        """The carriage moves and is there now; told several times a second while a record is made.
-
-        Parameters
-        ----------
-        place : CarriagePosition
-        """
+        """The carriage moves and is there now; told several times a second while a record is made."""
         ...
 
     def say(self, *lines: str) -> None:

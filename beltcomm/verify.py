@@ -384,7 +384,6 @@ def judge(
     predicted_range : tuple of TrackingError or None
         Smallest and largest error; None where it is not known.
     targets : AxisTargets
-        Of the axis.
 
     Raises
     ------

@@ -190,18 +190,7 @@ class Wire(Protocol):
     restarted: bool
 
     def pump(self, timeout_s: float) -> bool:
-        """Wait for something to come.
-
-        Parameters
-        ----------
-        timeout_s : float, s
-            At most so long.
-
-        Returns
-        -------
-        bool
-            False when nothing came.
-        """
+        """Wait for something to come, at most ``timeout_s``; False when nothing came."""
         ...
 
     def forget_emergency(self) -> None:
@@ -227,17 +216,9 @@ class StateMachine:
         return state_of(self.statusword())
 
     def fault(self, doing: str) -> DriveFault:
-        """The drive's fault as an exception; a restart is one too.
+        """The drive's fault as an exception, with code and text from its EMCY, else from 603Fh; a restart is one too.
 
-        Parameters
-        ----------
-        doing : str
-            What was being done, for the sentence.
-
-        Returns
-        -------
-        DriveFault
-            With code and text from its EMCY, else from 603Fh.
+        ``doing``: what was being done, for the sentence.
         """
         if self._link.restarted:
             return DriveFault(

@@ -107,17 +107,7 @@ class Parameters:
         self.uncalibrated -= set(units)
 
     def read(self, names: Iterable[str]) -> dict[str, float]:
-        """Values as they stand in the drive.
-
-        Parameters
-        ----------
-        names : iterable of str
-
-        Raises
-        ------
-        UsageError
-            For an unknown name.
-        """
+        """Values as they stand in the drive; raises UsageError for an unknown name."""
         wanted = list(names)
         self._known(wanted)
         return {name: self.table[name].value(self._read_raw(name), self._stored_gain) for name in wanted}
@@ -191,10 +181,6 @@ class Parameters:
 
     def write_objects(self, values: Sequence[ObjectValue]) -> None:
         """Write raw values, read back, compare; all or none.  What is lent will be given back so.
-
-        Parameters
-        ----------
-        values : sequence of ObjectValue
 
         Raises
         ------

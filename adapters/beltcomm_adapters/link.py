@@ -69,92 +69,40 @@ class Link:
         self.life_due_s = math.inf
 
     def subscribe(self, cob_id: int, handler: Callable[[can.Message], None]) -> None:
-        """Have every data frame of this identifier handed on.
-
-        Parameters
-        ----------
-        cob_id : int
-        handler : callable
-        """
+        """Have every data frame of this identifier handed on."""
         self._handlers[cob_id] = handler
 
     def send(self, message: can.Message) -> None:
-        """Put a frame on the bus.
-
-        Parameters
-        ----------
-        message : can.Message
-
-        Raises
-        ------
-        BusError
-            When the interface does not take it.
-        """
+        """Put a frame on the bus; raises BusError when the interface does not take it."""
         try:
             self.bus.send(message)
         except INTERFACE_ERRORS as error:
             raise self.gone(error) from error
 
     def send_data(self, cob_id: int, data: bytes) -> None:
-        """Send one data frame.
-
-        Parameters
-        ----------
-        cob_id : int
-        data : bytes
-        """
+        """Send one data frame."""
         self.send(can.Message(arbitration_id=cob_id, data=data, is_extended_id=False))
 
     def send_nmt(self, command: int) -> None:
-        """Network management command to this node (CiA 301, 7.2.8).
-
-        Parameters
-        ----------
-        command : int
-        """
+        """Network management command to this node (CiA 301, 7.2.8)."""
         self.send_data(0, bytes((command, self.node)))
 
     def receive(self, timeout_s: float) -> can.Message | None:
-        """The next frame from the bus, None when none came in time.
-
-        Parameters
-        ----------
-        timeout_s : float
-
-        Raises
-        ------
-        BusError
-            When the interface is gone.
-        """
+        """The next frame from the bus, None when none came in time; raises BusError when the interface is gone."""
         try:
             return self.bus.recv(timeout_s)
         except INTERFACE_ERRORS as error:
             raise self.gone(error) from error
 
     def gone(self, error: Exception) -> BusError:
-        """The interface's failure, in words.
-
-        Parameters
-        ----------
-        error : Exception
-
-        Returns
-        -------
-        BusError
-            To be raised.
-        """
+        """The interface's failure, in words, to be raised."""
         return BusError(
             f"the CAN interface {self.bus.channel_info} does not send or receive ({error}); check that it is plugged in and up, "
             "that the drive is on and the bus terminated"
         )
 
     def dispatch(self, message: can.Message) -> None:
-        """Hand a frame to who has subscribed to it; error frames, remote frames and strangers are dropped.
-
-        Parameters
-        ----------
-        message : can.Message
-        """
+        """Hand a frame to who has subscribed to it; error frames, remote frames and strangers are dropped."""
         if message.is_error_frame or message.is_remote_frame:
             return
         handler = self._handlers.get(message.arbitration_id)
@@ -162,17 +110,7 @@ class Link:
             handler(message)
 
     def pump(self, timeout_s: float) -> bool:
-        """Wait for one frame, at most ``timeout_s``, and dispatch it; signs of life go out meanwhile.
-
-        Parameters
-        ----------
-        timeout_s : float
-
-        Returns
-        -------
-        bool
-            False when nothing came.
-        """
+        """Wait for one frame, at most ``timeout_s``, and dispatch it; signs of life go out meanwhile.  False when nothing came."""
         end_s = self.clock.now() + timeout_s
         while True:
             now_s = self.clock.now()
@@ -210,12 +148,7 @@ class Link:
         self.life_due_s = math.inf if kind is None else self.clock.now()
 
     def show_life(self, now_s: float) -> None:
-        """Send the sign of life when it is due.
-
-        Parameters
-        ----------
-        now_s : float
-        """
+        """Send the sign of life when it is due."""
         if self._life is not None and now_s >= self.life_due_s:
             self.send(self._life)
             self.last_life_s = now_s

@@ -104,12 +104,7 @@ class BusListening:
             raise
 
     def frames(self, wait_s: float) -> list[Heard]:
-        """Frames of the next seconds, as :meth:`beltcomm.drive.Listening.frames` has them.
-
-        Parameters
-        ----------
-        wait_s : float
-        """
+        """Frames of the next seconds, as :meth:`beltcomm.drive.Listening.frames` has them."""
         self._wait(wait_s)
         found = list(self._heard)
         self._heard.clear()

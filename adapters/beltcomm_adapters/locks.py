@@ -26,13 +26,7 @@ class Lock:
     subindex: int | None = None
 
     def holds(self, index: int, subindex: int) -> bool:
-        """True if an object is among them.
-
-        Parameters
-        ----------
-        index : int
-        subindex : int
-        """
+        """True if an object is among them."""
         return self.first <= index <= self.last and self.subindex in (None, subindex)
 
 
@@ -57,12 +51,7 @@ class Locks:
         self._locks = list(ALWAYS)
 
     def add(self, locks: Iterable[Lock]) -> None:
-        """Lock more objects: a profile's.
-
-        Parameters
-        ----------
-        locks : iterable of Lock
-        """
+        """Lock more objects: a profile's."""
         self._locks += locks
 
     def _lock_of(self, index: int, subindex: int) -> Lock | None:

@@ -59,24 +59,12 @@ class Facts:
     source: str
 
     def there(self, index: int, subindex: int = 0) -> bool | None:
-        """True if the drive has an object; None where nobody says.
-
-        Parameters
-        ----------
-        index : int
-        subindex : int
-        """
+        """True if the drive has an object; None where nobody says."""
         place = index, subindex
         return True if place in self.values else False if place in self.absent else None
 
     def value(self, index: int, subindex: int = 0) -> int | None:
-        """Its value as a whole number, None where it is not known.
-
-        Parameters
-        ----------
-        index : int
-        subindex : int
-        """
+        """Its value as a whole number, None where it is not known."""
         found = self.values.get((index, subindex))
         return None if found is None else int(found)
 

@@ -62,10 +62,6 @@ class ObjectDrive:
     def read(self, names: Sequence[str]) -> dict[str, float]:
         """Read parameters by name; ``state`` is a :class:`beltcomm_adapters.cia402.State`.
 
-        Parameters
-        ----------
-        names : sequence of str
-
         Returns
         -------
         dict of str to float
@@ -90,12 +86,7 @@ class ObjectDrive:
         return {name: measured[name]() if name in measured else self._parameters.read([name])[name] for name in names}
 
     def write(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Write parameters by name; the stage is taken off first.
-
-        Parameters
-        ----------
-        values : mapping of str to float, SI, motor shaft
-        """
+        """Write parameters by name; the stage is taken off first."""
         self._machine.disable()
         return self._parameters.write(values)
 
@@ -108,22 +99,11 @@ class ObjectDrive:
         return self._parameters.objects()
 
     def read_objects(self, places: Sequence[tuple[int, int, str]]) -> list[float | None]:
-        """Read raw objects.
-
-        Parameters
-        ----------
-        places : sequence of tuple[int, int, str]
-            Index, subindex, type.
-        """
+        """Read raw objects."""
         return self._parameters.read_objects(places)
 
     def write_objects(self, values: Sequence[ObjectValue]) -> None:
-        """Write raw objects; the stage is taken off first.
-
-        Parameters
-        ----------
-        values : sequence of ObjectValue
-        """
+        """Write raw objects; the stage is taken off first."""
         self._machine.disable()
         self._parameters.write_objects(values)
 

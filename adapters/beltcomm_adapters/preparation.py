@@ -387,12 +387,8 @@ def _limit(
 ) -> None:
     """Lend a limit or a ramp and read it back: what a drive cuts without a word is told, see :attr:`Lending.altered`.
 
-    Parameters
-    ----------
-    shown : callable
-        Its meaning in ``unit``.
-    harder : bool
-        More of it would be dangerous: raises DriveError where the drive has more than was written.
+    ``shown`` is its meaning in ``unit``; ``harder``: more of it would be dangerous, so DriveError where the drive has more than was
+    written.
     """
     if not lending.set_if_there(index, subindex, kind, raw) or (index, subindex, raw) in objects.taken_as_written:
         return

@@ -201,18 +201,7 @@ class Profile:
         return self.actual_torque.index, self.actual_torque.subindex, 32 if self.actual_torque.type == "int32" else 16
 
     def with_modes(self, available: Collection[int]) -> Profile:
-        """The profile with the modes that a drive has.
-
-        Parameters
-        ----------
-        available : collection of int
-            Modes of operation, 6502h.
-
-        Returns
-        -------
-        Profile
-            Of each kind the first mode that is available; the first of all where none is.
-        """
+        """The profile with the modes 6502h that a drive has: of each kind the first that is available; the first of all where none is."""
         best = {kind: next((mode for mode in modes if mode in available), modes[0]) for kind, modes in self.choices.items()}
         return replace(self, modes=best)
 
@@ -225,11 +214,6 @@ def load_profile(name: str) -> Profile:
     ----------
     name : str
         Of a shipped one, or a path.
-
-    Returns
-    -------
-    Profile
-        Checked.
 
     Raises
     ------
@@ -253,17 +237,9 @@ def load_profile(name: str) -> Profile:
 
 
 def _completed(raw: Mapping[str, Any]) -> dict[str, Any]:
-    """A file of a user's own with the entries of the shipped profile that it is ``like``; chosen by name only.
+    """Each entry of a user's own file with its source, completed by the shipped profile that it is ``like``; chosen by name only.
 
-    Returns
-    -------
-    dict of str to Any
-        Each entry with its source.
-
-    Raises
-    ------
-    UsageError
-        When no shipped profile has that name.
+    Raises UsageError when no shipped profile has that name.
     """
     like = str(raw.get("like", LIKE))
     base = read_yaml(find_config("drives", like)) if like in config_names("drives") else None

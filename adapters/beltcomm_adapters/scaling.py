@@ -102,31 +102,13 @@ class Scaling:
         return replace(self, speed_rad_s=speed_rad_s, acceleration_rad_s2=share * self.acceleration_rad_s2, speed_told=True)
 
     def acceleration(self, raw: float) -> float:
-        """An acceleration of the drive.
-
-        Parameters
-        ----------
-        raw : float
-            A time where the drive states ramps as times.
-
-        Returns
-        -------
-        float, rad/s²
-            Motor shaft.
-        """
+        """An acceleration of the drive, rad/s², motor shaft: of a time where it states ramps as times."""
         if self.ramp:
             return self.acceleration_rad_s2 / raw if raw else math.inf
         return raw * self.acceleration_rad_s2
 
     def raw_acceleration(self, value_rad_s2: float, *, at_most: bool = True) -> int:
-        """An acceleration in the drive's unit.
-
-        Parameters
-        ----------
-        value_rad_s2 : float, motor shaft
-        at_most : bool
-            Rather too little; False: rather too much.
-        """
+        """An acceleration in the drive's unit, rather too little, without ``at_most`` rather too much."""
         exact = (
             (self.acceleration_rad_s2 / value_rad_s2 if value_rad_s2 > 0.0 else math.inf)
             if self.ramp
@@ -348,7 +330,3 @@ def _ratio(objects: Objects, index: int) -> float:
     if numerator == 0 or divisor == 0:
         raise DriveError(f"object {index:04X}h is {numerator}/{divisor}; set the drive's units with the maker's tool first")
     return numerator / divisor
-
-
-def _ratio_or_one(objects: Objects, index: int) -> float:
-    return 1.0 if objects.read_if_there(index, 1, "uint32") is None else _ratio(objects, index)

@@ -162,62 +162,17 @@ class Objects(ABC):
 
     @abstractmethod
     def read_bytes(self, index: int, subindex: int = 0) -> bytes:
-        """Raw content of an object.
-
-        Parameters
-        ----------
-        index, subindex : int
-            Place in the dictionary.
-
-        Returns
-        -------
-        bytes
-            Little endian.
-
-        Raises
-        ------
-        ObjectRefused
-            When the drive aborts.
-        BusError
-            When it does not answer.
-        """
+        """Raw content of an object, little endian; raises ObjectRefused when the drive aborts, BusError when it does not answer."""
 
     @abstractmethod
     def write_bytes(self, index: int, subindex: int, data: bytes, verb: str) -> None:
-        """Raw content into an object, once ``locks`` allow it.
-
-        Parameters
-        ----------
-        index : int
-        subindex : int
-        data : bytes
-        verb : str
-            For messages.
-
-        Raises
-        ------
-        ObjectLocked, ObjectRefused, BusError
-        """
+        """Raw content into an object, once ``locks`` allow it; raises ObjectLocked, ObjectRefused, BusError."""
 
     @abstractmethod
     def save(self, place: Place = SAVE_PLACE, value: int = SAVE, time_s: float | None = None) -> None:
-        """Make all parameters permanent by one object.
+        """Make all parameters permanent by one object, given by index, subindex and type, within ``time_s``; None for the usual patience.
 
-        Parameters
-        ----------
-        place : tuple of int, int, str
-            Index, subindex and type of that object.
-        value : int
-            Written to it.
-        time_s : float or None, s
-            Patience; None for the usual one.
-
-        Raises
-        ------
-        ObjectRefused
-            When the drive aborts.
-        BusError
-            When it does not answer.
+        Raises ObjectRefused when the drive aborts, BusError when it does not answer.
         """
 
     def read(self, index: int, subindex: int, kind: str) -> float:
@@ -226,7 +181,6 @@ class Objects(ABC):
         Parameters
         ----------
         index, subindex : int
-            Place in the dictionary.
         kind : str
             A key of :data:`beltcomm.drive.objects.TYPES`.
 
@@ -252,84 +206,21 @@ class Objects(ABC):
         return value
 
     def read_int(self, index: int, subindex: int, kind: str) -> int:
-        """Value of an object that is a whole number.
-
-        Parameters
-        ----------
-        index, subindex : int
-            Place in the dictionary.
-        kind : str
-            A key of :data:`beltcomm.drive.objects.TYPES`.
-
-        Returns
-        -------
-        int
-            As :meth:`read`.
-
-        Raises
-        ------
-        ObjectRefused, BusError, DriveError
-            As :meth:`read`.
-        """
+        """Value of an object that is a whole number; all else as of :meth:`read`."""
         return int(self.read(index, subindex, kind))
 
     def read_if_there(self, index: int, subindex: int, kind: str) -> int | None:
-        """Value of an object that a drive need not have.
-
-        Parameters
-        ----------
-        index, subindex : int
-            Place in the dictionary.
-        kind : str
-            A key of :data:`beltcomm.drive.objects.TYPES`.
-
-        Returns
-        -------
-        int or None
-            None when the drive has no such object.
-
-        Raises
-        ------
-        ObjectRefused, BusError, DriveError
-            As :meth:`read`.
-        """
+        """Value of an object that a drive need not have, None when it has none; all else as of :meth:`read`."""
         return _if_there(lambda: self.read_int(index, subindex, kind))
 
     def bytes_if_there(self, index: int) -> bytes | None:
-        """Raw content of an object, None where the drive has none.
-
-        Parameters
-        ----------
-        index : int
-            Place in the dictionary; subindex 0.
-
-        Raises
-        ------
-        ObjectRefused
-            When it is there and not told.
-        BusError
-            When the drive does not answer.
+        """Raw content of an object with subindex 0, None where the drive has none; raises ObjectRefused when it is there and not told,
+        BusError.
         """
         return _if_there(lambda: self.read_bytes(index))
 
     def read_text(self, index: int, subindex: int = 0) -> str:
-        """Content of a VISIBLE_STRING object.
-
-        Parameters
-        ----------
-        index, subindex : int
-            Place in the dictionary.
-
-        Returns
-        -------
-        str
-            "" when the drive has none.
-
-        Raises
-        ------
-        BusError
-            When it does not answer.
-        """
+        """Content of a VISIBLE_STRING object, "" when the drive has none; raises BusError when it does not answer."""
         try:
             return self.read_bytes(index, subindex).rstrip(b"\x00").decode("ascii", "replace").strip()
         except ObjectRefused:
@@ -341,7 +232,6 @@ class Objects(ABC):
         Parameters
         ----------
         index, subindex : int
-            Place in the dictionary.
         kind : str
             A key of :data:`beltcomm.drive.objects.TYPES`.
         value : float
@@ -447,17 +337,12 @@ def _if_there(read: Callable[[], _Result]) -> _Result | None:
 
 
 def abort_text(code: int) -> str:
-    """Meaning of an abort code.
+    """Meaning of an abort code, with the code behind it.
 
     Parameters
     ----------
     code : int
         CiA 301, table 22.
-
-    Returns
-    -------
-    str
-        With the code behind it.
     """
     return f"{SdoAbortedError.CODES.get(code, 'no standard text')} (abort code {code:08X}h)"
 
@@ -468,7 +353,6 @@ def refusal(index: int, subindex: int, verb: str, code: int) -> ObjectRefused:
     Parameters
     ----------
     index, subindex : int
-        Place in the dictionary.
     verb : str
         What was tried: read, write 3.
     code : int
@@ -511,22 +395,11 @@ class Lending:
         self._unchanged: set[tuple[int, int]] = set()  # lent, but what stands there is what is to be given back
 
     def set(self, index: int, subindex: int, kind: str, value: float, *, keep: bool = False) -> None:
-        """Write a value and remember what stood there.
+        """Write a value and remember what stood there; raises as :meth:`Objects.write`.
 
-        Parameters
-        ----------
-        index : int
-        subindex : int
-        kind : str
-            CiA type.
-        value : float, raw
-        keep : bool
-            Lent although nothing changes, as where a session that was cut off has left this value: what stood there before is owed.
-
-        Raises
-        ------
-        ObjectLocked, ObjectRefused, BusError
-            As :meth:`Objects.write`.
+        With ``keep`` it is lent although nothing changes, as where a session that was cut off has left this value: what stood there before
+        is
+        owed.
         """
         before = self._objects.read(index, subindex, kind)
         if before == value and not keep:
@@ -543,44 +416,14 @@ class Lending:
             raise
 
     def keep(self, index: int, subindex: int, kind: str) -> None:
-        """Remember what stands in an object, for whoever writes it afterwards.
-
-        Parameters
-        ----------
-        index, subindex : int
-            Place in the dictionary.
-        kind : str
-            A key of :data:`beltcomm.drive.objects.TYPES`.
-
-        Raises
-        ------
-        ObjectRefused, BusError, DriveError
-            As :meth:`Objects.read`.
-        """
+        """Remember what stands in an object, for whoever writes it afterwards; raises as :meth:`Objects.read`."""
         self._unchanged.discard((index, subindex))
         self._lent.append((index, subindex, kind, self._objects.read(index, subindex, kind)))
 
     def set_if_there(self, index: int, subindex: int, kind: str, value: float) -> bool:
-        """Write an object that a drive need not have, and remember what stood there.
+        """Write an object that a drive need not have, and remember what stood there; raises as :meth:`Objects.write`.
 
-        Parameters
-        ----------
-        index, subindex : int
-            Place in the dictionary.
-        kind : str
-            A key of :data:`beltcomm.drive.objects.TYPES`.
-        value : float
-            As for :meth:`Objects.write`.
-
-        Returns
-        -------
-        bool
-            False when the drive has no such object, or does not let it be written: then :attr:`refused` tells.
-
-        Raises
-        ------
-        ObjectLocked, BusError, DriveError
-            As :meth:`Objects.write`.
+        False when the drive has no such object, or does not let it be written: then :attr:`refused` tells.
         """
         try:
             self.set(index, subindex, kind, value)
@@ -596,20 +439,7 @@ class Lending:
         return list(reversed(first.values()))
 
     def promise(self, index: int, subindex: int, value: float) -> bool:
-        """Give another value back in place of the one found.
-
-        Parameters
-        ----------
-        index, subindex : int
-            Place in the dictionary.
-        value : float
-            As for :meth:`Objects.write`.
-
-        Returns
-        -------
-        bool
-            False when the object is not lent.
-        """
+        """Give another value back in place of the one found; False when the object is not lent."""
         for number, (i, s, kind, _) in enumerate(self._lent):
             if (i, s) == (index, subindex):
                 self._unchanged.discard((i, s))

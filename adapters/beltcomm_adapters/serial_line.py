@@ -57,10 +57,6 @@ class Port(Protocol):
     def write(self, data: bytes) -> None:
         """Send.
 
-        Parameters
-        ----------
-        data : bytes
-
         Raises
         ------
         OSError
@@ -162,16 +158,7 @@ class SerialLine:
         return self.port.bitrate
 
     def seconds(self, characters: int) -> float:
-        """Time that characters take on the line.
-
-        Parameters
-        ----------
-        characters : int
-
-        Returns
-        -------
-        float, s
-        """
+        """Time that characters take on the line, s."""
         return characters * BITS_PER_CHARACTER / self.bitrate
 
     def ask(
@@ -215,17 +202,7 @@ class SerialLine:
         return line
 
     def settle(self, quiet_s: float = QUIET_TIME_S) -> None:
-        """Drop what comes until nothing has come for a while: late answers, boot text.
-
-        Parameters
-        ----------
-        quiet_s : float
-
-        Raises
-        ------
-        BusError
-            When it never ends.
-        """
+        """Drop what comes until nothing has come for a while: late answers, boot text.   Raises BusError when it never ends."""
         end_s = self.clock.now() + TALK_TIME_S
         while self._receive(quiet_s):
             if self.clock.now() > end_s:
@@ -254,17 +231,7 @@ class SerialLine:
         return None
 
     def set_bitrate(self, bitrate: int) -> None:
-        """Set the bit rate of this end only.
-
-        Parameters
-        ----------
-        bitrate : int
-            Bit/s.
-
-        Raises
-        ------
-        BusError
-        """
+        """Set the bit rate of this end only; raises BusError."""
         try:
             self.port.bitrate = bitrate
         except (OSError, ValueError) as error:
@@ -272,32 +239,13 @@ class SerialLine:
         self._unsettled, self._owed = True, False
 
     def tell(self, text: str) -> None:
-        """Send what has no answer, and wait until it is out.
-
-        Parameters
-        ----------
-        text : str
-
-        Raises
-        ------
-        BusError
-        """
+        """Send what has no answer, and wait until it is out; raises BusError."""
         self._send(text)
         self._unsettled = True
         self.clock.sleep_until(self.clock.now() + self.seconds(len(text) + 1) + QUIET_TIME_S)
 
     def pump(self, timeout_s: float) -> bool:
-        """Wait: nothing comes unasked.
-
-        Parameters
-        ----------
-        timeout_s : float
-
-        Returns
-        -------
-        bool
-            False.
-        """
+        """Wait: nothing comes unasked."""
         self.clock.sleep_until(self.clock.now() + timeout_s)
         return False
 

@@ -138,10 +138,6 @@ class UnitSizes:
         what : str
             For the message.
 
-        Returns
-        -------
-        float
-
         Raises
         ------
         DriveError

@@ -62,10 +62,6 @@ class LimitWatch:
     def check(self, sample: Sample) -> None:
         """Check a sample against the limits.
 
-        Parameters
-        ----------
-        sample : Sample
-
         Raises
         ------
         SafetyStop
@@ -94,12 +90,7 @@ class LimitWatch:
             self._odometer(travel, velocity, elapsed_s)
 
     def learn(self, sample: Sample) -> None:
-        """A sample of the stop, which breaks no limit any more, for a unit of speed that is being learnt.
-
-        Parameters
-        ----------
-        sample : Sample
-        """
+        """A sample of the stop, which breaks no limit any more, for a unit of speed that is being learnt."""
         before, self._before = self._before, sample
         if before is not None and isinstance(self._odometer, SpeedUnit):
             self._odometer(sample.position - before.position, sample.velocity, max(sample.stamp_s - before.stamp_s, self._period_s))

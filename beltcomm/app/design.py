@@ -73,13 +73,7 @@ class DesignTab:
         }
 
     def present(self, *, begins: bool = False) -> TunedDesign:
-        """The design that the page shows.
-
-        Parameters
-        ----------
-        begins : bool
-            A page that begins, with the model as it is now.
-        """
+        """The design that the page shows; a page that ``begins`` has the model as it is now."""
         with self._making:
             stamp = self._stamp()
             if self._made is None or (begins and self._made[0] != stamp):
@@ -179,12 +173,7 @@ class TunedDesign:
         }
 
     def update(self, setting: SliderSetting) -> dict[str, Any]:
-        """Gains, margins and curves of a setting beside the present design; ``refusal`` where it has none.
-
-        Parameters
-        ----------
-        setting : SliderSetting
-        """
+        """Gains, margins and curves of a setting beside the present design; ``refusal`` where it has none."""
         try:
             design, new, present = self.bench.shown(setting)
         except OutOfReach as problem:
@@ -203,11 +192,6 @@ class TunedDesign:
 
     def measured(self, setting: SliderSetting, cascade: Cascade) -> dict[str, Any] | None:
         """The open loops on the measured response nearest to the place that is looked at.
-
-        Parameters
-        ----------
-        setting : SliderSetting
-        cascade : Cascade
 
         Returns
         -------
@@ -255,10 +239,6 @@ class TunedDesign:
 
     def save(self, setting: SliderSetting) -> dict[str, Any]:
         """The design of a setting, with its whole proof, as the run's design; the one before stays as ``designs/replaced_N.yaml``.
-
-        Parameters
-        ----------
-        setting : SliderSetting
 
         Returns
         -------

@@ -44,7 +44,7 @@ USUAL: Mapping[str, tuple[float, float]] = {
 Kind = Literal["axes", "motors"]
 
 
-def _usual_range(entry: str, kind: str = "") -> tuple[float, float]:
+def _usual_range(entry: str, kind: str) -> tuple[float, float]:
     """Range that most axes of a kind have, SI or degrees, for an entry as their files name it."""
     own = KINDS.get(kind)
     if own is not None and entry in own.renamed:
@@ -63,17 +63,12 @@ def usual(entry: str, value: float, kind: str = "") -> bool:
         In the unit of the entry's name.
     kind : str
         Kind of axis; "" for a belt.
-
-    Returns
-    -------
-    bool
-        For an entry of any kind.
     """
     low, high = _usual_range(entry, kind)
     return low <= value <= high
 
 
-def usual_words(entry: str, kind: str = "") -> str:
+def usual_words(entry: str, kind: str) -> str:
     """The usual range, in the units that people think in.
 
     Parameters
@@ -101,11 +96,6 @@ def in_words(name: str, value: float) -> str:
         Of the entry, with its unit as suffix.
     value : float, SI
         Of the entry.
-
-    Returns
-    -------
-    str
-        Value and unit.
     """
     if name == "encoder_counts_per_rev":
         bits = math.log2(value) if value > 0.0 else 0.0

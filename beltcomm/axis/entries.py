@@ -39,13 +39,7 @@ class AxisEntry:
     whole: bool = False
 
     def fault(self, value: float) -> str:
-        """Bound that a value breaks, in words; "" when it is possible.
-
-        Parameters
-        ----------
-        value : float
-            In the unit of the entry.
-        """
+        """Bound that a value breaks, in words; "" when it is possible."""
         if not math.isfinite(value):
             return "it must be a finite number"
         if self.whole and not float(value).is_integer():

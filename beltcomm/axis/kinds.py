@@ -105,13 +105,7 @@ class AxisKind:
     load: str = "carriage"
 
     def in_file(self, inside: str) -> str:
-        """Dotted name in the file of one inside.
-
-        Parameters
-        ----------
-        inside : str
-            Dotted name as of a belt axis.
-        """
+        """Dotted name in the file of one inside, as of a belt axis."""
         return next((name for name, entry in self.renamed.items() if entry.inside == inside), inside)
 
     def sections(self) -> dict[str, dict[str, AxisEntry]]:

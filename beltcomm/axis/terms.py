@@ -105,18 +105,7 @@ class Terms:
         return re.compile(rf"(?:({_NUMBER}(?:{_BETWEEN}{_DIGITS_OF})*)(\s?)|(?<![\w/²³°.])(?<!N )(?<!kg )(?<!c))({names}){end}")
 
     def said(self, text: str) -> str:
-        """A text in these words and units.
-
-        Parameters
-        ----------
-        text : str
-            As of a belt axis.
-
-        Returns
-        -------
-        str
-            As of this kind.
-        """
+        """A text as of a belt axis in the words and units of this kind."""
         for pattern, instead in self._patterns:
             text = pattern.sub(instead, text)
         return text if self._units is None else self._units.sub(self._unit, text)

@@ -64,19 +64,12 @@ def machine_left(place: CarriagePosition) -> str:
     Parameters
     ----------
     place : CarriagePosition
-        Of the carriage.
     """
     return "" if place.left_s is None else tr("{s:.0f} s left on the machine", s=place.left_s)
 
 
-def clock_words(seconds: float) -> str:
-    """A time as ``00:41``, minutes and seconds.
-
-    Parameters
-    ----------
-    seconds : float, s
-        Rounded down.
-    """
+def _clock_words(seconds: float) -> str:
+    """A time as ``00:41``, minutes and seconds."""
     return f"{int(seconds) // 60:02d}:{int(seconds) % 60:02d}"
 
 
@@ -88,7 +81,6 @@ def millimetres(position_m: float, place: CarriagePosition) -> str:
     position_m : float, m
         Carriage on the axis.
     place : CarriagePosition
-        Of the carriage.
     """
     value = round(1e3 * position_m)
     unit = place.unit if place.unit == "°" else f" {place.unit}"
@@ -101,7 +93,6 @@ def load_at(place: CarriagePosition) -> str:
     Parameters
     ----------
     place : CarriagePosition
-        Of the carriage.
     """
     return f"{tr(_AT.get(place.load, 'carriage at'))} {millimetres(place.position_m, place)}"
 
@@ -151,12 +142,7 @@ class Display:
         self._pace.begin()
 
     def moving(self, place: CarriagePosition) -> None:
-        """Show the carriage's place; the largest load of a record stays in sight.
-
-        Parameters
-        ----------
-        place : CarriagePosition
-        """
+        """Show the carriage's place; the largest load of a record stays in sight."""
         if self.place is None or self.place.record != place.record:
             self._peaks.clear()
         for gauge in place.gauges:
@@ -180,18 +166,7 @@ class Display:
         self._left = self._pace.left(fraction, seconds_left)
 
     def ended(self, done: bool) -> str:
-        """Leave one line of it.
-
-        Parameters
-        ----------
-        done : bool
-            False where it was broken off.
-
-        Returns
-        -------
-        str
-            The line.
-        """
+        """Leave one line of it, and return it; not ``done`` where it was broken off."""
         if not done:
             return f"{self.number} {self.title}: {tr('not finished')}"
         if found := self._found_words():
@@ -210,7 +185,7 @@ class Display:
         moves = self.place is not None
         record = self.place.record if self.place is not None else ""
         title = Text.assemble((f" {self.number} ", "bold"), (self.title, "bold"), f"   {record}" if record else "")
-        passed = clock_words(self._clock() - self._begun_s)
+        passed = _clock_words(self._clock() - self._begun_s)
         if len(title) + len(passed) + 2 <= width:
             title.append(" " * (width - len(title) - len(passed) - 1) + passed)
         title.truncate(width)
@@ -242,7 +217,7 @@ class Display:
         yield Text.assemble(INDENT, ("#" * full, "green"), ("-" * (length - full), "dim"), "  ", after)
 
 
-def _gauge_line(gauge: Gauge, width: int, peak: float = 0.0) -> Text:
+def _gauge_line(gauge: Gauge, width: int, peak: float) -> Text:
     """``torque   [####..|...]  0.23 of 3.1 N m, peak 0.3``: its bar is as full as the limit is reached."""
     before = f"{INDENT}{tr(gauge.name):<8} ["
     after = f"]  {_digits(gauge, gauge.value)} {tr('of')} {three_digits(gauge.limit)} {gauge.unit}"

@@ -132,11 +132,6 @@ class Invocation:
         ----------
         command : callable
             Its exit code counts where it returns one.
-
-        Returns
-        -------
-        int
-            Exit code.
         """
         code = self._guarded(command)
         if self._traces is not None:
@@ -221,32 +216,14 @@ class Invocation:
         return self._failed(f"an unexpected error stopped this command: {type(error).__name__}: {error}{where}", 1)
 
     def show(self, result: CommandResult) -> int:
-        """Print a result, as one JSON object or as lines.
-
-        Parameters
-        ----------
-        result : CommandResult
-
-        Returns
-        -------
-        int
-            Its exit code.
-        """
+        """Print a result, as one JSON object or as lines; returns its exit code."""
         lines, details = list(result.lines()), list(getattr(result, "details", ()))
         told = getattr(result, "told", 0) if sys.stdout.isatty() and sys.stderr.isatty() else 0
         self.print(result.to_json(), [*lines[told:], *(["", *details] if self.details and details else [])])
         return result.exit_code
 
     def print(self, data: Mapping[str, Any], lines: Iterable[str]) -> None:
-        """Print a result given as a mapping and lines.
-
-        Parameters
-        ----------
-        data : mapping of str to Any
-            For ``--json``.
-        lines : iterable of str
-            For people.
-        """
+        """Print a result given as a mapping for ``--json`` and lines for people."""
         self._end_talk(done=True)
         if self.json:
             from beltcomm.result import jsonable  # numpy, which a command that prints help does without

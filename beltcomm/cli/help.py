@@ -116,13 +116,7 @@ def _text(ctx: click.Context, *, everything: bool) -> str:
 
 
 def paragraphs(command: click.Command) -> list[str]:
-    """Paragraphs of a command's help, each in one line.
-
-    Parameters
-    ----------
-    command : Command
-        A verb, or the group of all.
-    """
+    """Paragraphs of a command's help, each in one line."""
     return [" ".join(part.split()) for part in inspect.cleandoc(command.help or "").split("\n\n")]
 
 

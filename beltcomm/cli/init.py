@@ -255,7 +255,6 @@ def axis_with(axis: str | None, entries: tuple[str, ...], run: Path) -> Axis:
     entries : tuple of str
         ``KEY=VALUE``.
     run : Path
-        Of the run folder.
 
     Raises
     ------

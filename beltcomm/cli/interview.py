@@ -31,7 +31,7 @@ _OFFSET = ("travel", "driven_side_offset_m")
 _BELT_SECTIONS = ("gearbox", "coupling", "pulley", "belt")
 
 
-def asked_all(start: Axis, unfinished: Path, kind: str, of: str = "") -> dict[str, Any]:
+def asked_all(start: Axis, unfinished: Path, kind: str, of: str) -> dict[str, Any]:
     """All entries by questions; a wrong answer is explained and asked again.
 
     Parameters

@@ -72,7 +72,7 @@ class Done(Exception):
 
 
 def ask_number(
-    key: str, name: str, entry: AxisEntry, default: float | None, contradicts: Callable[[float | None], str], where: str, kind: str = ""
+    key: str, name: str, entry: AxisEntry, default: float | None, contradicts: Callable[[float | None], str], where: str, kind: str
 ) -> tuple[float | None, str]:
     """A number, and how it was written; what it means is said, and an unusual one asked for again.
 

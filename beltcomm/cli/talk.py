@@ -86,25 +86,12 @@ class PlainTalk:
         self._stream.flush()
 
     def detail(self, *lines: str) -> None:
-        """A log has them; a terminal only where details were asked for.
-
-        Parameters
-        ----------
-        *lines : str
-            As of :meth:`beltcomm.talk.Talk.say`.
-        """
+        """A log has them; a terminal only where details were asked for."""
         if self._details or not self._stream.isatty():
             self.say(*lines)
 
     def found(self, name: str, value: str) -> None:
-        """A line for each number that is found on the way.
-
-        Parameters
-        ----------
-        name : str
-        value : str
-            With its unit.
-        """
+        """A line for each number, with its unit, that is found on the way."""
         self.say(f"      {name} {value}")
 
     def confirm(self, text: str) -> bool:
@@ -112,14 +99,7 @@ class PlainTalk:
         return _ask(text, self._stream)
 
     def choose(self, question: str, choices: Mapping[str, str]) -> str:
-        """Ask for one of the keys; the last one for an empty answer.
-
-        Parameters
-        ----------
-        question : str
-        choices : mapping of str to str
-            Words of each key.
-        """
+        """Ask for one of the keys; the last one for an empty answer."""
         return _choose(question, choices, self._stream)
 
     def attended(self) -> bool:
@@ -175,25 +155,12 @@ class RichTalk:
         draw(lines, self._console, self._stream)
 
     def detail(self, *lines: str) -> None:
-        """Above the display where details were asked for.
-
-        Parameters
-        ----------
-        *lines : str
-            As of :meth:`beltcomm.talk.Talk.say`.
-        """
+        """Above the display where details were asked for."""
         if self._details:
             self.say(*lines)
 
     def found(self, name: str, value: str) -> None:
-        """Kept in the display.
-
-        Parameters
-        ----------
-        name : str
-        value : str
-            With its unit.
-        """
+        """Kept in the display."""
         self._found[name] = value
 
     def confirm(self, text: str) -> bool:
@@ -202,14 +169,7 @@ class RichTalk:
         return _ask(text, self._stream)
 
     def choose(self, question: str, choices: Mapping[str, str]) -> str:
-        """Ask below everything for one of the keys; the last one for an empty answer.
-
-        Parameters
-        ----------
-        question : str
-        choices : mapping of str to str
-            Words of each key.
-        """
+        """Ask below everything for one of the keys; the last one for an empty answer."""
         self.close(done=True)
         return _choose(question, choices, self._stream)
 
@@ -218,13 +178,7 @@ class RichTalk:
         return sys.stdin is not None and sys.stdin.isatty()
 
     def close(self, done: bool = False) -> None:
-        """End the display and give the terminal its cursor back.
-
-        Parameters
-        ----------
-        done : bool
-            The phase came to its end. Idempotent.
-        """
+        """End the display, whose phase came to its end or not, and give the terminal its cursor back.  Idempotent."""
         if self._live is not None:
             live, self._live = self._live, None
             live.stop()

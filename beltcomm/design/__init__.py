@@ -11,6 +11,5 @@
 - ``search``: the gains with the largest K_I K_PP within the conditions
 - ``cascade``: the product's design
 - ``cautious``: the first loop, closed right after the first frequency response
-- ``interval_ends``: models at the ends of what is known, where a loop must hold, too
 - ``feedforward``: (4.15) to (4.17)
 """

@@ -75,11 +75,6 @@ class DesignResult:
             Which of ``plants``.
         omega_rad_s : ndarray, (m,)
             Above 0, below π/T.
-
-        Returns
-        -------
-        tuple of ndarray, (m,) complex
-            Velocity loop and position loop, see ``loops.open_loops``.
         """
         return open_loops(self.plants[plant], self.cascade, self.structure.period_s, omega_rad_s)
 
@@ -384,11 +379,6 @@ def binding_conditions(
         With the bounds of the drive.
     specification : Specification
         What was asked for.
-
-    Returns
-    -------
-    tuple of str
-        A sentence for each.
     """
     lines = []
     for words, name, limit, unit, sign, near in (

@@ -133,19 +133,8 @@ def torque_along(led: Leading, feedforward: Feedforward, ratio: float) -> Array:
 
 
 def _compliance(model: Model, places_m: Array) -> Array:
-    """Compliance of the carriage with the motor locked, by place; gaps and slack strands are taken as closed.
-
-    Parameters
-    ----------
-    model : Model
-        With a belt.
-    places_m : ndarray, (n,)
-        Carriage.
-
-    Returns
-    -------
-    ndarray, (n,)
-        1/c, m/N, linear between ``PLACES`` places.
+    """Compliance of the carriage at places with the motor locked, 1/c, m/N, (n,), linear between ``PLACES`` places; gaps and slack strands
+    are taken as closed.
     """
     low, high = float(np.min(places_m)), float(np.max(places_m))
     grid = np.linspace(low, high, PLACES) if high > low else np.array([low])
@@ -158,19 +147,8 @@ def _compliance(model: Model, places_m: Array) -> Array:
 
 
 def _smoothing_window(model: Model, carriage: Trajectory) -> int:
-    """Samples over which the stretch is averaged: near ``WINDOW_SHARE`` of a period of the lowest resonance.
-
-    Parameters
-    ----------
-    model : Model
-        With a belt; asked in the middle of the motion.
-    carriage : Trajectory
-        Motion of the carriage.
-
-    Returns
-    -------
-    int
-        Odd, ``FEWEST`` at least.
+    """Samples over which the stretch is averaged, odd: near ``WINDOW_SHARE`` of a period of the lowest resonance in the middle of the
+    motion.
     """
     middle = 0.5 * float(np.min(carriage.position_m) + np.max(carriage.position_m))
     lowest = min(m.freq_hz for m in modes(model, operating_point(model, middle, 1.0)) if m.freq_hz > LOWEST_HZ)
@@ -179,20 +157,7 @@ def _smoothing_window(model: Model, carriage: Trajectory) -> int:
 
 
 def _centred_mean(values: Array, window: int) -> Array:
-    """Centred mean over a window; the ends are continued.
-
-    Parameters
-    ----------
-    values : ndarray, (n,)
-        Any unit.
-    window : int
-        Samples, odd.
-
-    Returns
-    -------
-    ndarray, (n,)
-        In the unit of ``values``.
-    """
+    """Centred mean over an odd window of samples, (n,); the ends are continued."""
     beside = window // 2
     return np.asarray(np.convolve(np.pad(values, beside, mode="edge"), np.ones(window) / window, "valid"))
 
@@ -222,24 +187,12 @@ def with_rest_before(path: Trajectory, samples: int) -> Trajectory:
 
 
 def _moved_mass(model: Model) -> float:
-    """Mass of everything that moves along the belt.
-
-    Returns
-    -------
-    float
-        kg.
-    """
+    """Mass of everything that moves along the belt, kg."""
     return sum(model[name] for name, body in model.bodies() if not body.rotary)
 
 
 def _motor_side_inertia(model: Model) -> float:
-    """Inertia of everything that turns with the motor.
-
-    Returns
-    -------
-    float
-        kg m² at the motor shaft.
-    """
+    """Inertia of everything that turns with the motor, kg m² at the motor shaft."""
     return sum(model[name] for name, body in model.bodies() if body.rotary)
 
 

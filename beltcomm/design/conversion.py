@@ -172,20 +172,7 @@ def to_cascades(pid: Pid, period_s: float = 0.0) -> Cascades:
 
 
 def _least_proportional(pid: Pid, period_s: float = 0.0) -> float:
-    """P from which on a PID with this I and D has a cascade:  (T_R + T) I + 2 √(D I).
-
-    Parameters
-    ----------
-    pid : Pid
-        With D not negative.
-    period_s : float, s
-        T of the controller.
-
-    Returns
-    -------
-    float, N m/rad
-        At the motor shaft.
-    """
+    """P from which on a PID with this I and D ≥ 0 has a cascade:  (T_R + T) I + 2 √(D I), N m/rad at the motor shaft."""
     return (pid.derivative_filter_s + period_s) * pid.ki_nm_rad_s + 2.0 * math.sqrt(pid.kd_nm_s_rad * pid.ki_nm_rad_s)
 
 

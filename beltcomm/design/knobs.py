@@ -109,18 +109,7 @@ def knobs_of(plant: DesignPlant, cascade: Cascade) -> KnobSetting:
 
 
 def _gains_for(plant: DesignPlant, prefilter: PrefilterKind | Prefilter, knobs: Knobs, velocity_filter_s: float = 0.002) -> ThesisDesign:
-    """The gains that the knobs stand for.
-
-    Parameters
-    ----------
-    velocity_filter_s : float
-        T_R, s.
-
-    Raises
-    ------
-    Refused
-        As ``thesis.thesis_design``.
-    """
+    """The gains that the knobs stand for; raises Refused as ``thesis.thesis_design``."""
     return thesis_design(plant, prefilter, velocity_filter_s, knobs.phase_margin_deg, knobs.suppression_db, knobs.position_phase_margin_deg)
 
 

@@ -68,18 +68,7 @@ class LoopShape:
     antiresonance_rad_s: Array
 
     def rows(self, plants: Sequence[int]) -> LoopShape:
-        """The shape of some of the plants.
-
-        Parameters
-        ----------
-        plants : sequence of int
-            Which, in the order wanted.
-
-        Returns
-        -------
-        LoopShape
-            (k, n) arrays.
-        """
+        """The shape of some of the plants, (k, n), in the order wanted."""
         k = list(plants)
         return LoopShape(
             self.omega_rad_s[k],

@@ -146,11 +146,6 @@ def margins_on(cascade: Cascade, sampled: SampledPlants) -> tuple[Margins, ...]:
     cascade : Cascade
     sampled : SampledPlants
         With the controller's period.
-
-    Returns
-    -------
-    tuple of Margins
-        One for each plant.
     """
     shape = loop_shape(sampled, cascade.prefilter, cascade.velocity_filter_s)
     velocity = open_velocity_loop(shape, cascade.kp_nm_s_rad, cascade.ki_nm_rad)

@@ -123,7 +123,7 @@ class MeasuredLoop:
     all_gain: Array
 
 
-def measured_loop(response: FrequencyResponse, cascade: Cascade, period_s: float, dead_time_s: float = 0.0) -> MeasuredLoop:
+def measured_loop(response: FrequencyResponse, cascade: Cascade, period_s: float, dead_time_s: float) -> MeasuredLoop:
     """Open loops of a cascade on a measured response, torque setpoint to angle.
 
     L = C_ω G_R Ĝ e^{-jω t_T},   L_φ = K_PP L/((1 + L) G_R);   Ĝ held over the loop's period, where the record was held over another one.
@@ -181,7 +181,6 @@ def measured_margins(
         Torque to motor angle, rad/(N m).
     cascade : Cascade
     period_s : float, s
-        Its period.
     dead_time_s : float, s
         Where the response is that from the acting torque.
     record : str

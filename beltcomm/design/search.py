@@ -38,35 +38,13 @@ class AllowedGains:
     highs: Array
 
     def of(self, gains: Array) -> Array:
-        """Allowed ones among gains.
-
-        Parameters
-        ----------
-        gains : ndarray, (m,)
-            K > 0.
-
-        Returns
-        -------
-        ndarray, (k,)
-            In their order.
-        """
+        """Allowed ones among gains above 0, in their order."""
         place = np.searchsorted(self.lows, gains) - 1
         inside = (place >= 0) & (gains < np.append(self.highs, 0.0)[place])
         return gains[(gains < self.top) & ~inside]
 
     def highest(self, limit: float) -> float:
-        """Largest allowed gain up to ``limit``.
-
-        Parameters
-        ----------
-        limit : float
-            In the unit of the gains.
-
-        Returns
-        -------
-        float
-            At the lower edge of a forbidden range that holds the limit.
-        """
+        """Largest allowed gain up to ``limit``: at the lower edge of a forbidden range that holds it."""
         gain = min(self.top, limit)
         place = int(np.searchsorted(self.lows, gain)) - 1
         return float(self.lows[place]) if place >= 0 and gain < self.highs[place] else gain
@@ -347,26 +325,7 @@ def unit_loop(shape: LoopShape, tn: float) -> ComplexArray:
 
 
 def _highest_kp(unit: ComplexArray, shape: LoopShape, structure: CascadeStructure, specification: Specification, tn: float) -> float:
-    """K_P that the resonance suppression and the drive's bounds allow at this T_N.
-
-    Parameters
-    ----------
-    unit : ndarray, (p, n) complex
-        Loops for K_P = 1.
-    shape : LoopShape
-        Of the same plants.
-    structure : CascadeStructure
-        With the bounds of the drive.
-    specification : Specification
-        With the suppression.
-    tn : float, s
-        Integral time.
-
-    Returns
-    -------
-    float, N m s/rad
-        At the motor shaft.
-    """
+    """K_P, N m s/rad, that the resonance suppression and the drive's bounds allow at this T_N; ``unit``: the loops for K_P = 1, (p, n)."""
     peaks = resonance_or_peak(unit, shape.omega_rad_s, shape.resonance_rad_s)
     top = 10.0 ** (specification.suppression_db / 20.0) / float(np.max(np.where(peaks, np.abs(unit), 1e-300)))
     return float(min(top, structure.highest.get("kp_nm_s_rad", math.inf), structure.highest.get("ki_nm_rad", math.inf) * tn))

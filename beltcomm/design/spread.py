@@ -121,23 +121,12 @@ def margin_spread(draws: Sequence[Sequence[DesignPlant]], cascade: Cascade, peri
 
 
 def _responses_together(advance: Array, new: Array, old: Array, whole: IntArray, omega_rad_s: Array, period_s: float) -> ComplexArray:
-    """Sampled responses of p plants at once, as :meth:`DesignPlant.sampled_response` of each.
+    """Sampled responses of p plants at once, (p, k), rad/(N m), as :meth:`DesignPlant.sampled_response` of each at (p, k) frequencies up to
+    π/T.
 
     G(z) = N(z)/Π(z - λ_i) z^(-n-1),  λ the eigenvalues of Φ;  N, of degree n, from its values on the circle |z| = 2.
 
-    Parameters
-    ----------
-    advance, new, old, whole : ndarray, (p, n, n), (p, n), (p, n) and (p,)
-        As :func:`beltcomm.design.design_plant.sample_plants` gives them.
-    omega_rad_s : ndarray, (p, k)
-        Above 0, up to π/T.
-    period_s : float, s
-        T of the sampling.
-
-    Returns
-    -------
-    ndarray, (p, k) complex
-        rad/(N m), motor shaft.
+    Plants as :func:`beltcomm.design.design_plant.sample_plants` gives them.
     """
     n = advance.shape[-1]
     poles = np.linalg.eigvals(advance)
@@ -157,18 +146,7 @@ def _responses_together(advance: Array, new: Array, old: Array, whole: IntArray,
 
 
 def _smallest_phase_margins_deg(loop: ComplexArray) -> Array:
-    """Phase margin of every row, as ``margins.phase_margin``.
-
-    Parameters
-    ----------
-    loop : ndarray, (p, k) complex
-        Open loops over rising frequencies.
-
-    Returns
-    -------
-    ndarray, (p,), deg
-        inf where a row has no crossover.
-    """
+    """Phase margin of every row of open loops over rising frequencies, (p,), as ``margins.phase_margin``; inf where none crosses over."""
     level = np.log(np.maximum(np.abs(loop), 1e-300))
     row, at = np.nonzero((level[:, :-1] > 0.0) != (level[:, 1:] > 0.0))
     share = level[row, at] / (level[row, at] - level[row, at + 1])

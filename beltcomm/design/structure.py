@@ -49,18 +49,7 @@ class Bodies:
         return np.array(self.mass), np.array(self.damping), np.array(self.stiffness)
 
     def with_carriage(self, mass_kg: float) -> Bodies:
-        """Bodies with another carriage.
-
-        Parameters
-        ----------
-        mass_kg : float, kg
-            Of the carriage.
-
-        Returns
-        -------
-        Bodies
-            Springs and dampers as they were.
-        """
+        """Bodies with another mass of the carriage, springs and dampers as they were."""
         at = self.names.index("cart")
         return Bodies(self.names, (*self.mass[:at], mass_kg, *self.mass[at + 1 :]), self.damping, self.stiffness)
 
@@ -96,18 +85,7 @@ class LoopModel:
 
 
 def _in_loop(model: Model) -> Model:
-    """The model without the effects that move no pole.
-
-    Parameters
-    ----------
-    model : Model
-        With any effects.
-
-    Returns
-    -------
-    Model
-        Those of its base stay.
-    """
+    """The model without the effects that move no pole; those of its base stay."""
     for effect in model.effect_list():
         outside = effect.slot in OUTSIDE_THE_LOOP or effect.slot == "force"
         if outside and effect.name not in BASE and effect.name in model.effects:

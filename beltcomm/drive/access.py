@@ -69,11 +69,6 @@ def serve_drive(name: str, on: str, options: Mapping[str, object] | None = None)
     options : dict of str to object or None
         For the adapter, by name.
 
-    Returns
-    -------
-    Service
-        Runs when asked to.
-
     Raises
     ------
     UsageError
@@ -95,11 +90,6 @@ def listen_to(name: str, options: Mapping[str, object] | None = None) -> Listeni
         As for ``--drive``.
     options : dict of str to object or None
         For the adapter, by name.
-
-    Returns
-    -------
-    Listening
-        Sends nothing.
 
     Raises
     ------

@@ -46,7 +46,6 @@ def name_of(index: int, subindex: int = 0) -> str:
     Parameters
     ----------
     index, subindex : int
-        Place in the dictionary.
 
     Returns
     -------
@@ -62,7 +61,6 @@ def is_command(index: int, subindex: int = 0) -> bool:
     Parameters
     ----------
     index, subindex : int
-        Place in the dictionary.
 
     Returns
     -------

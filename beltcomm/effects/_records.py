@@ -53,11 +53,6 @@ def sweep(*speeds_m_s: float) -> tuple[Record, ...]:
     ----------
     speeds_m_s : float, m/s
         Of the carriage.
-
-    Returns
-    -------
-    tuple of Record
-        One record.
     """
     return ({"kind": "sweep", "speeds_m_s": list(speeds_m_s)},)
 

@@ -72,16 +72,10 @@ def _intervals_fewest(speed_m_s: ArrayLike, increment_m: float, period_s: float)
 
 
 def _time_error_percent(measured_s: ArrayLike, tick_s: float, sign: int = 1) -> Array:
-    """100 (T/(T ± Δt_min) − 1) = ∓100 Δt_min/(T ± Δt_min): what a time T, measured wrong by a tick, does to a velocity.
+    """100 (T/(T ± Δt_min) − 1) = ∓100 Δt_min/(T ± Δt_min): what a time T, measured wrong by a tick, does to a velocity; ``sign`` 1 for a
+    time too long, −1 for too short (worse).
 
     The middle of (C.5), and (C.8).
-
-    Parameters
-    ----------
-    measured_s : ArrayLike
-        T, s, above the tick.
-    sign : int
-        1 for a time measured too long, −1 for too short (worse).
     """
     return -sign * 100.0 * tick_s / (_array(measured_s) + sign * tick_s)
 
@@ -91,10 +85,7 @@ def _event_counter_error_exact_percent(
 ) -> Array:
     """(C.5): ∓100 Δt_min ξ/(m Δξ_min ± Δt_min ξ), percent, with m = ⌊ξ T_s/Δξ_min⌋.
 
-    Parameters
-    ----------
-    fewest : bool
-        Take m = ⌊ξ T_s/Δξ_min⌋ − 1 instead, the true worst case. nan where m < 1. sign as in :func:`_time_error_percent`.
+    ``fewest``: m = ⌊ξ T_s/Δξ_min⌋ − 1 instead, the true worst case. nan where m < 1. ``sign`` as in :func:`_time_error_percent`.
     """
     count = _intervals_fewest if fewest else _intervals_printed
     intervals = _at_least_one(count(speed_m_s, increment_m, period_s))

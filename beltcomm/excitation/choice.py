@@ -56,14 +56,8 @@ class PeriodicChoice:
         amplitude_nm : float, N m, motor shaft
             About the mean.
         sample_period_s : float, s
-            Of the drive.
         torque_step_nm : float, N m
             In which the drive takes torque; 0 for none.
-
-        Returns
-        -------
-        Excitation
-            As :meth:`PrbsChoice.excitation`.
         """
         return self.signal(amplitude_nm, sample_period_s, self.repeats, torque_step_nm=torque_step_nm)
 
@@ -262,13 +256,7 @@ class AskedExcitation:
         )
 
     def seconds(self) -> float | None:
-        """Length of the whole record.
-
-        Returns
-        -------
-        float or None, s
-            None where it does not follow from what is asked for.
-        """
+        """Length of the whole record, s; None where it does not follow from what is asked for."""
         if self.order is None or self.bit_s is None:
             return None
         periods = 1 + (self.periods or FEWEST_REPEATS)

@@ -45,18 +45,7 @@ class MovingExcitation:
             getattr(self, name).setflags(write=False)
 
     def louder(self, factor: float) -> MovingExcitation:
-        """Travel with a louder excitation.
-
-        Parameters
-        ----------
-        factor : float
-            Times what is added.
-
-        Returns
-        -------
-        MovingExcitation
-            Of the same travel.
-        """
+        """Travel with a louder excitation: ``factor`` times what is added."""
         return MovingExcitation(self.base_m, self.base_m_s, factor * self.added, self.period_samples, self.starts, self.excited)
 
 

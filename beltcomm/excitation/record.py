@@ -61,7 +61,6 @@ def check_band(sample_period_s: float, lowest_hz: float, highest_hz: float, dura
     Parameters
     ----------
     sample_period_s : float, s
-        Of the drive.
     lowest_hz, highest_hz : float, Hz
         Ends of the band.
     duration_s : float, s

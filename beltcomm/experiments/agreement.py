@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from beltcomm.axis import Axis
 from beltcomm.drive import Capabilities, Drive
-from beltcomm.errors import Declined, Refused
+from beltcomm.errors import Declined, Refused, UsageError
 from beltcomm.experiments import referencing
 from beltcomm.experiments.first_motion import confirm_first_motion
 from beltcomm.experiments.options import Options
@@ -167,7 +167,7 @@ def plan_result(plan: Plan, capabilities: Capabilities | None = None, options: O
     """
     if capabilities and axis and options:
         plan = _whole(plan, axis, capabilities, options)
-        referencing.require_inside(axis, options.position_m)
+        _require_inside(axis, options.position_m)
         plan = with_homing(plan, axis, capabilities) if options.home else plan
     wrong = fault_of(axis, capabilities) if capabilities and axis else ""
     refused = [tr("This plan will be refused: {fault}.", fault=fault) for fault in (wrong, plan.heat_fault(axis)) if fault]
@@ -184,3 +184,10 @@ def _whole(plan: Plan, axis: Axis, capabilities: Capabilities, options: Options)
     """The plan with what motor and drive bear, and what is said of a resumed run."""
     plan = plan if plan.thermal else replace(plan, thermal=Thermal.of(axis, capabilities))
     return replace(plan, text=KEPT + plan.text, bare=False) if options.resume else plan
+
+
+def _require_inside(axis: Axis, position_m: float | None) -> None:
+    """Refuse a stated position outside the travel."""
+    low, high = axis.travel.ends_m
+    if position_m is not None and not low <= position_m <= high:
+        raise UsageError(f"position {position_m:.4g} m is outside the travel {low:g}..{high:g} m of axis.yaml")

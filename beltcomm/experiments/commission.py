@@ -126,12 +126,8 @@ def try_stop_here(machine: Machine, model: Model) -> None:
 def _first_response(machine: Machine, findings: Findings, excited: Excited, seconds: float) -> None:
     """The frequency response at the present place; where the carriage wanders too far again where it then stands, shorter and quieter.
 
-    Then no response after it is louder, either.   One that does not move the axis is made louder.
-
-    Raises
-    ------
-    SafetyStop
-        When stops have used up what the session goes on after, NoMotion when no torque allowed moves the axis.
+    Then no response after it is louder, either.   One that does not move the axis is made louder.   Raises SafetyStop when stops have used
+    up what the session goes on after, NoMotion when no torque allowed moves the axis.
     """
     above_nm, model = 0.0, excited.model
     while True:
@@ -193,13 +189,7 @@ def _friction_words(axis: Axis, torque_nm: float) -> str:
 
 
 def _tell_model(machine: Machine, model: Model, at_m: float) -> None:
-    """Tell the axis as the model knows it so far.
-
-    Parameters
-    ----------
-    at_m : float
-        Where its resonance is told for.
-    """
+    """Tell the axis as the model knows it so far, with its resonance at ``at_m``."""
     machine.found("mass", f"{model['cart.mass']:.3g} kg")
     resonance = analyse.characteristic_hz(model, at_m)[1]
     if np.isfinite(resonance):
@@ -226,7 +216,7 @@ def close_first_loop(machine: Machine, findings: Findings, model: Model, *, ask:
     return close_loop(machine, findings, model, *first_cascade(machine, findings, model, machine.position_m), ask=ask)
 
 
-def closed_for(machine: Machine, findings: Findings, model: Model, *, ask: bool = False) -> None:
+def closed_for(machine: Machine, findings: Findings, model: Model, *, ask: bool) -> None:
     """A loop for strokes: a first one, or where nobody can write the gains the one that stands in the drive.
 
     Parameters
@@ -292,11 +282,6 @@ def close_loop(machine: Machine, findings: Findings, model: Model, cascade: Casc
         Smallest phase margin on the family.
     ask : bool
         Before a loop with thin margins is closed.
-
-    Returns
-    -------
-    Cascade
-        As given.
 
     Raises
     ------
@@ -391,13 +376,7 @@ def _masses_kg(model: Model, settings: Settings) -> list[float]:
 
 
 def _known_model(findings: Findings) -> Model:
-    """The model so far.
-
-    Raises
-    ------
-    Refused
-        When nothing was fitted yet.
-    """
+    """The model so far; raises Refused when nothing was fitted yet."""
     if findings.final is None:
         raise Refused("there is no model yet; run `beltcomm fit` first")
     return findings.final.fit.model

@@ -97,15 +97,7 @@ class Detectability:
 
 
 def _lines_of(found: Mapping[str, Any], whole: bool) -> list[str]:
-    """For people: the weakest strength of every effect that could be named, then those that could not.
-
-    Parameters
-    ----------
-    found : dict of str to Any
-        :meth:`Detectability.to_dict`.
-    whole : bool
-        A line for each, with its parameter and how much of a typical one that is.
-    """
+    """For people: the weakest strength of every effect that could be named, then those that could not; ``whole``: a line for each."""
     seen = sorted((e for e in found["effects"] if e["seen"]), key=lambda e: str(e["effect"]))
     blind = [e for e in found["effects"] if not e["seen"]]
     lines = [f"What these records could name, to first order, by a simulation from the data sheets ({found['assumed']}):"]
@@ -156,13 +148,7 @@ def _remedy(entry: Mapping[str, Any], extent: Extent) -> str:
 
 
 def _foresee(axis: Axis, capabilities: Capabilities, extent: Extent) -> Detectability:
-    """Detection limits of the records of an extent.
-
-    Raises
-    ------
-    BeltcommError
-        Where no record can be simulated.
-    """
+    """Detection limits of the records of an extent; raises BeltcommError where no record can be simulated."""
     model = sheet_model(axis)
     noise = NOISE_SHARE * (axis.motor.rated_torque_nm or capabilities.rated_torque_nm)
     recordings = list(_records(axis, capabilities, model, extent, noise))

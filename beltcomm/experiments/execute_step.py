@@ -99,13 +99,7 @@ def make(machine: Machine, loop: Closed, step: Step, name: str, loudest_nm: floa
 
 
 def _respond(machine: Machine, model: Model, step: Step, name: str, loudest_nm: float, share: float) -> None:
-    """A frequency response at a place of its own.
-
-    Parameters
-    ----------
-    share : float
-        Of its torque; below 1 after a carriage that went too far.
-    """
+    """A frequency response at a place of its own, with ``share`` of its torque: below 1 after a carriage that went too far."""
     phases.move_to(machine, step.at_m(machine.envelope().window_m), model)
     model = _at_place(machine, model)
     if machine.folder.finished(SWEEP) is not None and machine.stroking() == "position":
@@ -243,7 +237,7 @@ def _hard_acceleration_m_s2(machine: Machine, model: Model) -> float:
     return HARD_SHARE * min(machine.axis.limits.acceleration_m_s2 or math.inf, machine.belt_left_n / mass, by_torque)
 
 
-def _stoppable_path(machine: Machine, loop: Closed, step: Step, course: Course, at_m: float, pace: float = 1.0) -> Trajectory:
+def _stoppable_path(machine: Machine, loop: Closed, step: Step, course: Course, at_m: float, pace: float) -> Trajectory:
     """The path of a step, slowed down until every stop ends inside the travel and moves keep the belt's force."""
 
     def plan(share: float) -> Trajectory:

@@ -59,15 +59,7 @@ class ConfirmedBounds:
 
     @classmethod
     def of(cls, axis: Axis, plan: Plan, profile: str | None) -> ConfirmedBounds:
-        """Of a plan.
-
-        Parameters
-        ----------
-        axis : Axis
-        plan : Plan
-        profile : str or None
-            As given: one that is not shipped is part of the machine.
-        """
+        """Of a plan; a profile that is not shipped is part of the machine."""
         machine = {entry: _word(axis.get(entry)) for entry in MACHINE} | {"profile": _profile(profile)}
         low = axis.travel.min_m
         most = {f"{LOWER}travel.min_m": math.inf if low is None else -low}
@@ -76,12 +68,7 @@ class ConfirmedBounds:
 
     @classmethod
     def from_dict(cls, entry: Any) -> ConfirmedBounds:
-        """As :meth:`to_dict` has it; nothing at all for what cannot be read.
-
-        Parameters
-        ----------
-        entry : Any
-        """
+        """As :meth:`to_dict` has it; nothing at all for what cannot be read."""
         try:
             return cls(dict(entry["machine"]), {str(name): float(value) for name, value in entry["most"].items()})
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
@@ -92,13 +79,7 @@ class ConfirmedBounds:
         return {"machine": dict(self.machine), "most": dict(self.most)}
 
     def unconfirmed_entries(self, confirmed: ConfirmedBounds) -> list[str]:
-        """Entries that were not confirmed, in words.
-
-        Parameters
-        ----------
-        confirmed : ConfirmedBounds
-            On the drive before.
-        """
+        """Entries that were not confirmed on the drive before, in words."""
         found = []
         for name, here in self.machine.items():
             if (before := confirmed.machine.get(name)) != here:
@@ -112,20 +93,14 @@ class ConfirmedBounds:
         return found
 
     def with_(self, confirmed: ConfirmedBounds) -> ConfirmedBounds:
-        """This and what was confirmed on the same machine before.
-
-        Parameters
-        ----------
-        confirmed : ConfirmedBounds
-            On the drive before; of another machine it counts for nothing.
-        """
+        """This and what was confirmed on the same machine before; of another machine it counts for nothing."""
         if confirmed.machine != self.machine:
             return self
         return ConfirmedBounds(self.machine, {name: max(most, confirmed.most.get(name, most)) for name, most in self.most.items()})
 
 
 def confirm_first_motion(
-    hardware: Hardware, axis: Axis, plan: Plan, options: Options, talk: Talk, units: Mapping[str, float] | None = None
+    hardware: Hardware, axis: Axis, plan: Plan, options: Options, talk: Talk, units: Mapping[str, float] | None
 ) -> None:
     """Ask a person, or take ``options.first_motion``, where this computer has not moved this drive on this axis as far as ``plan`` does.
 

@@ -204,11 +204,6 @@ def _with_sliding_friction(cascade: Cascade, model: Model, sweep: Recording) -> 
     """The cascade with the friction of ``sweep`` in its feedforward, where that tells it; else as it is.
 
     Gains and inertia stay: no pole moves.
-
-    Parameters
-    ----------
-    model : Model
-        That the cascade was designed for.
     """
     sent = cascade.feedforward
     if not (sent.viscous_nm_s_rad or sent.coulomb_nm):

@@ -266,12 +266,7 @@ def _creep(machine: Machine) -> Recording:
 def _half_sums(recording: Recording, ratio: float) -> tuple[HoldingTorque, float]:
     """Holding torque by half sums, and half differences, N m, of the strokes at constant speed.
 
-    τ_g = (τ_up + τ_down)/2  of each pair over the same way; their scatter gives the interval.
-
-    Raises
-    ------
-    DataError
-        Without two pairs.
+    τ_g = (τ_up + τ_down)/2  of each pair over the same way; their scatter gives the interval. Raises DataError without two pairs.
     """
     speed = recording.reference_velocity
     if speed is None:
@@ -328,11 +323,6 @@ def plausibility(holding: Holding, model: Model, axis: Axis) -> list[str]:
         With the carriage's mass, kg.
     axis : Axis
         With its tilt, deg.
-
-    Returns
-    -------
-    list of str
-        One line, indented.
     """
     mass, tilt = model.parameters["cart.mass"], axis.mounting.tilt_deg
     would = gravity.holding_torque_nm(axis, mass.value, tilt)

@@ -74,7 +74,6 @@ def slowest_share(recording: Recording, counts_per_rev: int) -> float:
     recording : Recording
         Excited around a constant speed.
     counts_per_rev : int
-        Of the encoder.
 
     Returns
     -------
@@ -164,12 +163,7 @@ class MovingWatch:
         self.fastest_m_s = SURPRISE * predicted.speed_m_s
 
     def __call__(self, row: Row) -> None:
-        """One row as the drive gives it.
-
-        Raises
-        ------
-        SafetyStop
-        """
+        """One row as the drive gives it; raises SafetyStop."""
         place = min(round(row[0] / self.period_s), len(self.base_m) - 1)
         off = abs(self.ratio * (row[3] - self.zero_rad) - self.base_m[place])
         speed = abs(self.ratio * row[4])

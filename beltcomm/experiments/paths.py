@@ -49,10 +49,6 @@ class Course:
     def place_m(self, step: Step) -> float:
         """Position of a step.
 
-        Parameters
-        ----------
-        step : Step
-
         Returns
         -------
         float, m

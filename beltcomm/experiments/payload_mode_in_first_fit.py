@@ -46,7 +46,6 @@ def with_swing(found: FinalModel, recordings: Sequence[Recording], axis: Axis, c
         Of the fit.
     axis : Axis
     counts_per_rev : int
-        Of the encoder.
     """
     step, noise_nm, path = 2.0 * math.pi / counts_per_rev, found.fit.noise_nm, found.fit.path
 

@@ -405,7 +405,6 @@ def verification_plan(
     braking : Braking
         Of its loop.
     stops : StopsOutOfMove
-        Out of the move.
     times : int
         Driven.
     """

@@ -174,7 +174,6 @@ def learn_gains(
     delay_s : float, s
         Of the torque path.
     standard : StandardMove
-        The standard move.
     payloads_kg : sequence of float, kg
         Further ones that the design holds for.
     """
@@ -260,10 +259,7 @@ def _check_belt(machine: Machine, model: Model, path: PredictedMove, trajectory:
 def _check_stops(machine: Machine, stops: StopsOutOfMove, limit_n: float, agreed_n: float = 0.0) -> None:
     """Note what stops out of the move do to the belt; raise Refused when that is too much.
 
-    Parameters
-    ----------
-    limit_n, agreed_n : float
-        Of a stop that is asked for, N; of either, where somebody agreed to it, N.
+    ``limit_n`` bounds a stop that is asked for, ``agreed_n`` either, where somebody agreed to it.
     """
     stop, lost = stops.asked_for, stops.host_lost
     machine.folder.journal(f"a stop out of the move: {stop.belt_force_n:.0f} N in the belt and {1e3 * stop.way_m:.0f} mm at most")

@@ -229,10 +229,7 @@ def _as_made(step: AmplitudeStep, recording: Recording) -> AmplitudeStep:
 def _believable(model: Model, sheet: Model, mass: float) -> Model:
     """A first estimate within what can be: a gap or a lag drives it to a feather on a rod, and no prediction may count on that.
 
-    Parameters
-    ----------
-    mass : float
-        Of the lightest load, kg.
+    ``mass`` is the lightest load, kg.
     """
     if model.rigid:
         return model.with_values({"cart.mass": mass}, "first estimate, bounded") if model["cart.mass"] < mass else model

@@ -114,25 +114,6 @@ def _stand_anywhere(machine: Machine, settings: Settings, needed: bool) -> tuple
     return window
 
 
-def require_inside(axis: Axis, position_m: float | None) -> None:
-    """Refuse a stated position outside the travel.
-
-    Parameters
-    ----------
-    axis : Axis
-    position_m : float or None, m
-        As the operator says; None is not checked.
-
-    Raises
-    ------
-    UsageError
-        With both.
-    """
-    low, high = axis.travel.ends_m
-    if position_m is not None and not low <= position_m <= high:
-        raise UsageError(f"position {position_m:.4g} m is outside the travel {low:g}..{high:g} m of axis.yaml")
-
-
 def slow_payload(axis: Axis, mass_kg: float, payload_kg: float | None) -> str | None:
     """In words, that the belt can hardly accelerate a further payload; None when it can.
 

@@ -81,12 +81,7 @@ class Bounds:
     belt_force_n: float
 
     def broken(self, played: RehearsedRecord) -> list[str]:
-        """The limits that a record leaves, in words.
-
-        Parameters
-        ----------
-        played : RehearsedRecord
-        """
+        """The limits that a record leaves, in words."""
         pairs = (
             ("speed", played.speed_m_s, self.speed_m_s, "m/s"),
             ("torque", played.torque_nm, self.torque_nm, "N m"),

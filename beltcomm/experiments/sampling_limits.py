@@ -92,13 +92,7 @@ def notes_before(axis: Axis, capabilities: Capabilities) -> tuple[str, ...]:
 
 
 def _remark_after(resonance_hz: float, capabilities: Capabilities, *, told: bool = False) -> str | None:
-    """In words, that the resonance found is beyond what the records can claim; None when it is not.
-
-    Parameters
-    ----------
-    told : bool
-        It is known well.
-    """
+    """In words, that the resonance found is beyond what the records can claim; None when it is not.   ``told``: it is known well."""
     top = _claimed_hz(capabilities.sample_period_s)
     if not (math.isfinite(resonance_hz) and resonance_hz > top):
         return None

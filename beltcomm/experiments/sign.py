@@ -17,7 +17,7 @@ _SECONDS = RAMP_S + 0.5
 _WORDS = f"creep some {1e3 * SIGN_TRAVEL_M:.0f} mm without a loop to check which way its encoder counts, then "
 
 
-def _is_crept(axis: Axis, kinds: Collection[str] = ("torque",)) -> bool:
+def _is_crept(axis: Axis, kinds: Collection[str]) -> bool:
     """True if :func:`check_sign` moves this axis with a drive that runs motions of these kinds.
 
     Without torque setpoints it cannot.  A tilted axis: its torque is felt for when it is identified, and a creep from zero torque would

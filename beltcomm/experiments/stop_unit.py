@@ -86,17 +86,10 @@ class SlowStop:
 
 
 def _judge(stop: ObservedStop, speed_m_s: float, meant_m_s2: float, ratio: float, brake_s: float = 0.0, *, ends: bool = True) -> SlowStop:
-    """Hold the course of a stop against the ramp that was meant.
+    """Hold the course of a stop from a positive speed against the ramp that was meant; a holding brake may take ``brake_s`` before the
+    drive ends it.
 
-    Parameters
-    ----------
-    speed_m_s : float, m/s
-        From which it began, positive.
-    ratio : float, m/rad
-    brake_s : float, s
-        That a holding brake may take before the drive ends a stop.
-    ends : bool
-        The drive ends a stop by itself; else only a carriage that goes on tells anything.
+    ``ends``: the drive ends a stop by itself; else only a carriage that goes on tells anything.
     """
     t_s, place = np.array(stop.t_s), ratio * np.array(stop.position_rad)
     meant_s = speed_m_s / meant_m_s2
@@ -314,12 +307,8 @@ def _limits(machine: Machine, limits: Limits, deceleration_m_s2: float) -> Limit
 
 
 def _meant_m_s2(machine: Machine, limits: Limits) -> float | None:
-    """Deceleration that the drive is believed to make of the limits', m/s²; None where it has none that could be set.
-
-    Raises
-    ------
-    Refused
-        Where it makes a steeper one of it.
+    """Deceleration that the drive is believed to make of the limits'; None where it has none that could be set, Refused where it makes a
+    steeper one.
     """
     tell: Callable[[Limits], float | None] | None = getattr(machine.drive, "quick_stop_rad_s2", None)
     try:

@@ -74,13 +74,7 @@ class StopsOutOfMove:
         return self.asked_for | self.host_lost | self.completed
 
     def inside(self, window_m: tuple[float, float]) -> bool:
-        """True if neither the move nor a stop out of it leaves a window.
-
-        Parameters
-        ----------
-        window_m : tuple[float, float]
-            Carriage, lowest and highest.
-        """
+        """True if neither the move nor a stop out of it leaves a window of carriage positions, lowest and highest."""
         return window_m[0] <= self.farthest.low_m and self.farthest.high_m <= window_m[1]
 
 

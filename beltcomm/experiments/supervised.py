@@ -149,13 +149,7 @@ class Supervised:
         self._allowed = True
 
     def home(self, limits: Limits) -> None:
-        """Let the drive find its reference by itself.
-
-        Raises
-        ------
-        Refused
-            While a key is to be held: the drive homes by itself.
-        """
+        """Let the drive find its reference by itself; raises Refused while a key is to be held, which cannot stop that."""
         self._check_allowed()
         if self._hold is not None:
             raise Refused("the drive homes by itself and asks nobody whether a key is held; leave --hold-to-run or --home out")

@@ -82,14 +82,7 @@ class StandardMove:
     chosen: bool = False
 
     def at(self, share: float, period_s: float) -> Trajectory:
-        """The move with its time stretched by 1/share.
-
-        Parameters
-        ----------
-        share : float
-            Of the speed limit; acceleration counts with its square, jerk with its cube.
-        period_s : float
-        """
+        """The move with its time stretched by 1/share: share of the speed limit, its square of the acceleration, its cube of the jerk."""
         return plan_trajectory(self.start_m, self.end_m, self.limits.slower(share), period_s)
 
 
@@ -116,10 +109,7 @@ def _kept_inside(machine: Machine, model: Model, cascade: Cascade, delay_s: floa
     """The standard move, slowed down until the belt keeps its limits and the carriage its travel with this controller: as it swings, in a
     stop, and when the host is lost.
 
-    Raises
-    ------
-    Refused
-        As :func:`standard_move`.
+    Raises Refused as :func:`standard_move`.
     """
     standard, share, why = standard_move(machine, model), 1.0, ""
     for _ in range(BELT_TRIES):

@@ -114,11 +114,6 @@ def band_limited_errors(data: Data, fitted: Fitted, band_hz: float) -> list[Band
         The model that is judged.
     band_hz : float, Hz
         Edge of the band.
-
-    Returns
-    -------
-    list of Banded
-        One for each segment.
     """
     pieces = (*data.fitted, *data.held_out)
     vector = fitted.model.vector()
@@ -186,7 +181,8 @@ def changes(data: Data, before: Fitted, after: Fitted, ahead: Data | None = None
 
 
 def _change(pairs: Sequence[tuple[Banded, Banded]]) -> tuple[float, float]:
-    """Sum of the squared errors after less before, without what their noise is more, and what of a rise nobody reads off, N² m².
+    """Sum of the squared errors after less before, N² m², without what their noise is more; and what of a rise nobody reads off,
+    :data:`READ_OFF` of the squares.
 
     Of samples that count in both.  Noise is passed on otherwise by another model, most where the carriage is at its antiresonance; less
     noise, as it is predicted, makes no rise of an error that does not rise.
@@ -194,16 +190,6 @@ def _change(pairs: Sequence[tuple[Banded, Banded]]) -> tuple[float, float]:
     An effect that is there lowers it: what a model leaves is the same in both, so that no chance makes a rise of it.
 
     Where both errors are smaller than the noise that is predicted of them, their difference is none of the models': 0.
-
-    Parameters
-    ----------
-    pairs : sequence of (Banded, Banded)
-        Before and after, of each segment.
-
-    Returns
-    -------
-    tuple of float
-        Change, negative where the error falls, and :data:`READ_OFF` of the squares.
     """
     above, before, after, louder = np.zeros(2), 0.0, 0.0, 0.0
     for old, new in pairs:
@@ -220,22 +206,6 @@ def _low_passed(signal: Array, keep: BoolArray, band_hz: float, sample_s: float)
     """The signal by a Gaussian low-pass over the samples that count, and where :data:`WEIGHT` of its weights stand on such; (n,) each.
 
     Beside a standstill, where e says nothing, what is left of the weights no longer takes the differences out of the rounding.
-
-    Parameters
-    ----------
-    signal : ndarray, (n,)
-        Any unit.
-    keep : ndarray, (n,) of bool
-        Samples that count.
-    band_hz : float, Hz
-        Edge of the band, 3 dB.
-    sample_s : float, s
-        Sample period.
-
-    Returns
-    -------
-    tuple of ndarray, (n,)
-        The signal behind the low-pass, and where it counts.
     """
     weights = _gaussian(band_hz, sample_s)
     total = correlate1d(np.where(keep, signal, 0.0), weights, mode="constant")
@@ -244,20 +214,7 @@ def _low_passed(signal: Array, keep: BoolArray, band_hz: float, sample_s: float)
 
 
 def _gaussian(band_hz: float, sample_s: float) -> Array:
-    """Weights of the low-pass, their sum 1, (2 k + 1,).
-
-    Parameters
-    ----------
-    band_hz : float, Hz
-        Edge of the band, 3 dB.
-    sample_s : float, s
-        Sample period.
-
-    Returns
-    -------
-    ndarray, (2 k + 1,)
-        Centred.
-    """
+    """Weights of the low-pass with its 3 dB edge at ``band_hz``, centred, their sum 1, (2 k + 1,)."""
     deviation = math.sqrt(math.log(2.0)) / (math.tau * band_hz * sample_s)
     reach = math.ceil(REACH * deviation)
     weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / deviation) ** 2)
@@ -265,19 +222,8 @@ def _gaussian(band_hz: float, sample_s: float) -> Array:
 
 
 def _noise_spectrum(piece: Segment, model: Model) -> tuple[Array, Array]:
-    """Predicted spectrum of the noise in the residual torque.
-
-    Parameters
-    ----------
-    piece : Segment
-        With noise and rounding.
-    model : Model
-        By which they are passed on.
-
-    Returns
-    -------
-    tuple of ndarray, (k,)
-        Frequencies from 0 to half the sample rate, Hz, and the power there, N² m² a sample.
+    """Predicted spectrum of the noise in the residual torque: frequencies up to half the sample rate, Hz, (k,), and power there, N² m² a
+    sample.
     """
     found = noise_paths_of(piece, model)
     usual = int(np.bincount(found.level).argmax())
@@ -290,22 +236,7 @@ def _noise_spectrum(piece: Segment, model: Model) -> tuple[Array, Array]:
 
 
 def _noise_in(piece: Segment, spectrum: tuple[Array, Array], band_hz: float) -> float:
-    """Noise behind the low-pass.
-
-    Parameters
-    ----------
-    piece : Segment
-        For its sample period.
-    spectrum : tuple of ndarray, (k,)
-        As :func:`_noise_spectrum` gives it.
-    band_hz : float, Hz
-        Edge of the band.
-
-    Returns
-    -------
-    float
-        N m rms, motor shaft.
-    """
+    """Noise of a spectrum by :func:`_noise_spectrum` behind the low-pass, N m rms, motor shaft."""
     freq, power = spectrum
     weights = _gaussian(band_hz, piece.motion.sample_s)
     places = np.arange(len(weights)) - len(weights) // 2

@@ -196,10 +196,7 @@ def _fit_behind(
 ) -> tuple[Data, Fitted]:
     """Records and fit where an effect between reading and motion tells the path: path and noises by a model that has it.
 
-    Parameters
-    ----------
-    between : str
-        The effect, which is not in the model that is returned: it is for the search to find.
+    ``between``, the effect, is not in the model that is returned: it is for the search to find.
     """
     known, _ = _fit_base(data, start.with_effect(between), fixed, None, False, lambda part: progress(0.8 * part))
     data = prepare_records(

@@ -162,11 +162,6 @@ def fit_of(
         Fall of O in an iteration that is not worth another.
     goal : float
         O at which the search may end.
-
-    Returns
-    -------
-    Fitted
-        The minimum.
     """
     if needs_observer(problem.model):  # then an observer knows itself how the carriage may stand at first
         return _fit_with_observers(problem, data, iterations, fixed, enough, goal)
@@ -309,13 +304,7 @@ def problem_of(data: Data, model: Model, fixed: Sequence[str] = (), block_s: flo
 
 
 def _held_out_residual(piece: Segment, model: Model) -> Array:
-    """Whitened residual of a held-out segment; only where its carriage stuck at the start is fitted to it.
-
-    Returns
-    -------
-    ndarray, (m,)
-        In units of its noise.
-    """
+    """Whitened residual of a held-out segment, (m,); only where its carriage stuck at the start is fitted to it."""
     vector, piece = model.vector(), with_observer(piece, model)
     here = whitened_residual(piece, model, vector)
     if "cart" not in model.base_bodies or piece.observer is not None:
@@ -330,19 +319,7 @@ def _held_out_residual(piece: Segment, model: Model) -> Array:
 
 
 def _held_out_objective(data: Data, residuals: Sequence[Array]) -> float:
-    """Robust objective O of the records held out.
-
-    Parameters
-    ----------
-    data : Data
-    residuals : sequence of ndarray, (m,)
-        Whitened, of each segment held out.
-
-    Returns
-    -------
-    float
-        -2 ln likelihood; 0 without any.
-    """
+    """Robust objective O of the records held out, -2 ln likelihood, by the whitened residual of each segment, (m,); 0 without any."""
     if not residuals:
         return 0.0
     blocks = time_blocks(data.held_out, BLOCK_S)

@@ -27,14 +27,9 @@ class LoadName:
 
 
 def _stated(sidecar: Sidecar, model: Model) -> tuple[LoadName, float]:
-    """Load of a record as its sidecar has it, and how much of its mass is stated there.
+    """Load of a record as its sidecar has it, and how much of its mass is stated there, kg or, without a carriage, kg m² at the motor.
 
     A load that turns is carried along its arc.
-
-    Returns
-    -------
-    tuple of LoadName and float
-        kg or, without a carriage, kg m² at the motor.
     """
     mass, inertia = sidecar.payload_kg, sidecar.payload_inertia_kg_m2
     if MASS in model.parameters:
@@ -47,19 +42,9 @@ def _stated(sidecar: Sidecar, model: Model) -> tuple[LoadName, float]:
 
 
 def _loads_of(recordings: Sequence[Recording], model: Model) -> list[LoadName]:
-    """The loads that the fit tells apart, by their numbers.
+    """The loads that the fit tells apart, by their numbers; those of records held out and of static maps do not count.
 
-    Parameters
-    ----------
-    recordings : sequence of Recording
-        Those held out and static maps do not count.
-    model : Model
-        For the side to which loads refer.
-
-    Raises
-    ------
-    DataError
-        For more than a model can have.
+    Raises DataError for more than a model can have.
     """
     found = list(dict.fromkeys(_stated(r.sidecar, model)[0] for r in recordings if not (r.sidecar.held_out or r.is_static_map)))
     if len(found) > COUNT + 1:

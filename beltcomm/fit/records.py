@@ -154,13 +154,11 @@ def prepare_records(
     noise_nm : float, N m rms
         Of the torque.
     step_rad : float, rad
-        Step of the encoder.
     shares : dict of str to tuple of float
         By record, :func:`_rounding_shares`; all of it white where it is missing.
     usual : int
         Fine steps a sample.
     path : TorquePath
-        Of the torque.
     reversals : bool
         As of :class:`Data`.
     colour : float
@@ -213,13 +211,7 @@ def prepare_records(
 
 
 def _is_coupled(model: Model) -> bool:
-    """True if a body beside the motor turns with it: a pulley behind a coupling.
-
-    Returns
-    -------
-    bool
-        False for motor and carriage alone.
-    """
+    """True if a body beside the motor turns with it: a pulley behind a coupling."""
     return any(body.rotary for _, body in model.bodies() if body.name not in model.base_bodies)
 
 
@@ -304,19 +296,8 @@ def group_of(recording: Recording) -> int:
 
 
 def _band_limited(piece: Segment, band_hz: float) -> Segment:
-    """A segment with as many neighbours in each value as leave a band of frequencies, where rounding is most of its noise.
-
-    Parameters
-    ----------
-    piece : Segment
-        Of a record.
-    band_hz : float, Hz
-        Upper edge.
-
-    Returns
-    -------
-    Segment
-        ``piece`` itself where rounding is not most of it.
+    """A segment with as many neighbours in each value as leave a band up to ``band_hz``; the same segment where rounding is not most of its
+    noise.
     """
     if not piece.own_noise:
         return piece
@@ -380,11 +361,6 @@ def with_whitener(piece: Segment, model: Model) -> Segment:
         With its noise.
     model : Model
         By which the noise is passed on to the residual.
-
-    Returns
-    -------
-    Segment
-        With a whitener of its own.
     """
     worked_out = whitener_of(piece, model)
     kept = worked_out.deviations[piece.keep]
@@ -488,17 +464,7 @@ def _rounding_shares(parts: Sequence[tuple[Segment, Array]], model: Model) -> tu
     An axis that moves slowly and steadily rounds in step with its motion: then the error is less, and no white noise.  What a model
     cannot explain raises the shares up to 1, never beyond: an effect is not taken for rounding.
 
-    Parameters
-    ----------
-    parts : sequence of (Segment, ndarray)
-        Segments of one record, each with its residual as it is, (n,), N m.
-    model : Model
-        By which rounding is passed on to the residual.
-
-    Returns
-    -------
-    tuple of float
-        White and slow, 0 to 1 in sum.
+    ``parts``: segments of one record, each with its residual as it is, (n,), N m.
     """
     passed = [noise_paths_of(piece, model) for piece, _ in parts]
 
@@ -600,20 +566,7 @@ def _likeliest(
 
 
 def _encoder_step(axis: Axis, recordings: Sequence[Recording]) -> float:
-    """Step of the encoder: from the axis file, else the smallest step that the angles show.
-
-    Parameters
-    ----------
-    axis : Axis
-        With counts per turn where they are known.
-    recordings : sequence of Recording
-        One at least.
-
-    Returns
-    -------
-    float, rad
-        Not below what the records show.
-    """
+    """Step of the encoder, rad: from the axis file, else the smallest step that the angles show; not below what the records show."""
     counts = axis.get("motor.encoder_counts_per_rev")
     shown = min(smallest_step(r.position) for r in recordings)
     if counts:
@@ -623,19 +576,7 @@ def _encoder_step(axis: Axis, recordings: Sequence[Recording]) -> float:
 
 
 def _repeat_noise(recordings: Sequence[Recording], step_rad: float) -> float:
-    """Torque that no model can explain: how it differs at the same place in records of the same slow motion.
-
-    Parameters
-    ----------
-    recordings : sequence of Recording
-    step_rad : float, rad
-        Step of the encoder.
-
-    Returns
-    -------
-    float
-        N m rms, motor shaft; 0 without two such records.
-    """
+    """Torque that no model can explain, N m rms: how it differs at a place in records of the same slow motion; 0 without two such."""
     found = []
     creeps = [(r, creeping_samples(r.position, r.sample_period_s, step_rad)[0]) for r in recordings]
     for (one, first), (two, second) in itertools.combinations(creeps, 2):
@@ -653,17 +594,6 @@ def _repeat_noise(recordings: Sequence[Recording], step_rad: float) -> float:
 
 
 def _by_place(position: Array, torque: Array) -> tuple[Array, Array]:
-    """A torque in the order of its positions.
-
-    Parameters
-    ----------
-    position, torque : ndarray, (n,)
-        Any units.
-
-    Returns
-    -------
-    tuple of ndarray, (n,)
-        Both, sorted.
-    """
+    """Positions and torque, (n,) each, in the order of the positions."""
     order = np.argsort(position)
     return position[order], torque[order]

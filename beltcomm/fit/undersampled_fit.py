@@ -82,7 +82,6 @@ def fit_seldom(recordings: Sequence[Recording], start: Model, *, counts_per_rev:
     start : Model
         By the data sheets.
     counts_per_rev : int
-        Of the encoder.
     passes : SteadyPasses
         Of its strokes at constant speed.
 

@@ -106,7 +106,7 @@ def _started(kind: Kind, path: Path, memory: int, limit_s: float) -> subprocess.
     """The process with the reader; nothing of the working directory is imported there."""
     command = isolation.python("beltcomm.foreign.apart_reader", kind, str(path.absolute()), str(path), str(memory), str(int(limit_s) + 1))
     # plug-ins of HDF5 are machine code from a folder that the environment names
-    return isolation.piped(command, HDF5_PLUGIN_PRELOAD="::", OPENBLAS_NUM_THREADS="1")
+    return isolation.start(command, subprocess.PIPE, HDF5_PLUGIN_PRELOAD="::", OPENBLAS_NUM_THREADS="1")
 
 
 def _received(path: Path, stream: IO[bytes]) -> Table:

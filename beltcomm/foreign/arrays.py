@@ -29,7 +29,7 @@ _UNIT = ("unit", "units", "einheit", "einheiten")
 _DEEPEST = 12
 
 
-def table_of(path: Path, arrays: Mapping[str, Any], extra_notes: tuple[str, ...] = ()) -> Table:
+def table_of(path: Path, arrays: Mapping[str, Any]) -> Table:
     """One column per vector; a matrix gives one per row or column, whichever are fewer, named NAME1, NAME2, ...
 
     Parameters
@@ -37,8 +37,6 @@ def table_of(path: Path, arrays: Mapping[str, Any], extra_notes: tuple[str, ...]
     path : Path
     arrays : mapping of str to Any
         Nested mappings of arrays.
-    extra_notes : tuple of str
-        Sentences of the reader.
 
     Raises
     ------
@@ -50,7 +48,7 @@ def table_of(path: Path, arrays: Mapping[str, Any], extra_notes: tuple[str, ...]
     if not found.columns:
         raise DataError(f"{path} holds no vectors of numbers; give a file with one vector per signal{found.objects_hint()}")
     notes = (f"not read, because they are no vectors of numbers: {', '.join(found.left_out)}",) if found.left_out else ()
-    return Table(str(path), found.columns, found.units, (*extra_notes, *notes), found.clocks, found.scalars)
+    return Table(str(path), found.columns, found.units, notes, found.clocks, found.scalars)
 
 
 class _Found:

@@ -183,7 +183,6 @@ def convert(table: Table, reading: Reading, *, timed: bool = True, turns: Callab
     Parameters
     ----------
     table : Table
-        Columns as they were read.
     reading : Reading
         Mappings, and what is kept and cut.
     timed : bool
@@ -198,8 +197,8 @@ def convert(table: Table, reading: Reading, *, timed: bool = True, turns: Callab
     DataError
         For values that are missing or time that does not rise.
     """
-    sources = sources_for(table, reading.mapping, KNOWN_COLUMNS)
-    kept = kept_columns(table, reading.keep, sources, KNOWN_COLUMNS)
+    sources = sources_for(table, reading.mapping)
+    kept = kept_columns(table, reading.keep, sources)
     merged: tuple[str, ...] = ()
     if timed and reading.period_s is None and table.clocks:
         table, sources, merged = on_one_raster(table, sources, kept)

@@ -20,7 +20,6 @@ from beltcomm.foreign.names import Confidence, Meaning, by_unit, meaning_of, quo
 from beltcomm.foreign.relations import relations
 from beltcomm.foreign.spellings import plain_unit
 from beltcomm.foreign.table import Table
-from beltcomm.foreign.twins import twins_of_ours, with_place
 from beltcomm.quantities import UNITS
 from beltcomm.recording.columns import CHANNELS, KNOWN_COLUMNS, Side
 
@@ -28,6 +27,10 @@ from beltcomm.recording.columns import CHANNELS, KNOWN_COLUMNS, Side
 _SHORTEST_STEP_S, _LONGEST_STEP_S = 2e-5, 0.05
 #: Letters of a cell that are shown.
 SHOWN = 20
+#: What tells columns of one name apart: an index behind it.
+_INDEX = re.compile(r"[_ ]?\d+$")
+#: Columns of ours without which there is no recording: an error in them is one of the whole model.
+_NEEDED = frozenset(channels[signal] for channels in CHANNELS.values() for signal in ("torque", "position"))
 #: Name of a column of dates.
 _OF_DATE = re.compile(r"dat(e|um)|zeit|time|stamp", re.IGNORECASE)
 
@@ -89,7 +92,6 @@ def completed(
     Parameters
     ----------
     table : Table
-        Columns as they were read.
     written : sequence of str
         What the user mapped; nothing is guessed when that and columns with our own names make a recording.
     axis : Axis
@@ -104,8 +106,8 @@ def completed(
         When a needed column is not sure and nobody can be asked.
     UsageError
     """
-    sources = sources_for(table, written, KNOWN_COLUMNS)
-    twins = [_either(table, names) for names in twins_of_ours(table, sources)]
+    sources = sources_for(table, written)
+    twins = [_either(table, names) for names in _twins_of_ours(table, sources)]
     sources = {name: source for name, source in sources.items() if name not in {guess.column for guess in twins}}
     _refuse_mixed(sources)
     if not twins and _makes_a_recording(sources, timed):
@@ -119,7 +121,7 @@ def completed(
         return (*written, *(guess.choices[0] for guess in sure)), tuple(f"guessed {guess.choices[0]}: {guess.why}" for guess in sure)
     answers = ask([guess for guess in guesses if guess.needed or guess.choices])
     for answer in answers:
-        parse_source(answer, table, KNOWN_COLUMNS)
+        parse_source(answer, table)
     why = {guess.choices[0]: guess.why for guess in guesses if guess.choices}
     return (*written, *answers), tuple(f"taken {answer}: {why.get(answer, 'as answered')}" for answer in answers)
 
@@ -144,9 +146,39 @@ def _refuse_mixed(sources: Mapping[str, Source]) -> None:
     )
 
 
+def _twins_of_ours(table: Table, sources: Mapping[str, Source]) -> list[tuple[str, ...]]:
+    """Columns that have a name of ours, each with the others that could be meant by it; what the user mapped is the user's word."""
+    found = []
+    for column, source in sources.items():
+        if source.theirs != column or source.written != column:
+            continue
+        twins = [name for name in table.columns if name != column and _could_be_meant(table, column, name)]
+        if twins:
+            found.append((column, *twins))
+    return found
+
+
+def _could_be_meant(table: Table, column: str, name: str) -> bool:
+    """By its name but for case and index; torque and position also by what stands around the name, or by the same quantity and unit."""
+    if _INDEX.sub("", Table.bare(name)).lower() == column:
+        return True
+    if column not in _NEEDED or name in KNOWN_COLUMNS or table.columns[name].dtype.kind not in "fiu":
+        return False
+    ours, theirs = meaning_of(table, column), meaning_of(table, name)
+    if ours is None or theirs is None or not theirs.by_name or theirs.quantity != ours.quantity or theirs.role == "setpoint" or theirs.load:
+        return False
+    around = re.search(rf"(?<![a-z]){re.escape(column)}(?![a-z])", name.lower()) is not None
+    return around or (theirs.suffix == ours.suffix != "")
+
+
+def _with_place(table: Table, name: str) -> str:
+    """A column as a question names it: of two with one name the place tells which is which."""
+    return f"{name!r} (c{list(table.columns).index(name) + 1})"
+
+
 def _either(table: Table, names: Sequence[str]) -> Guess:
     """The question which of some columns is meant; the first has our name."""
-    why = f"{', '.join(with_place(table, name) for name in names[:4])} could be meant"
+    why = f"{', '.join(_with_place(table, name) for name in names[:4])} could be meant"
     return Guess(names[0], tuple(f"{names[0]}={quoted(name)}" for name in names), "likely", why)
 
 
@@ -267,7 +299,7 @@ def _from_speed_alone(found: list[Guess], channels: Mapping[str, str]) -> list[G
 
 
 def _theirs(guess: Guess, table: Table) -> str:
-    return parse_source(guess.choices[0], table, KNOWN_COLUMNS).theirs
+    return parse_source(guess.choices[0], table).theirs
 
 
 def _side(meanings: Sequence[Meaning], sources: Mapping[str, Source]) -> Side:
@@ -367,7 +399,7 @@ def _signal(table: Table, column: str, meanings: Sequence[Meaning], axis: Axis, 
     rivals = [m for m, *_ in scaled[1:] if m.by_name >= first.by_name]
     others = tuple(item[1][0] for item in scaled[1:4] if item[1])
     if rivals:
-        words = f"{why}; {', '.join(with_place(table, m.name) for m in (first, *rivals[:3]))} could be meant"
+        words = f"{why}; {', '.join(_with_place(table, m.name) for m in (first, *rivals[:3]))} could be meant"
         return Guess(column, (*choices, *others), "likely" if confidence == "sure" else confidence, words)
     return Guess(column, (*choices, *others), confidence, why)
 

@@ -137,7 +137,6 @@ def heading_of(above: Sequence[TextLine], shape: RowShape, commented: tuple[str,
     above : sequence of TextLine
         Lines above the first row.
     shape : RowShape
-        Of the rows.
     commented : tuple of str
         Marks before a comment.
 

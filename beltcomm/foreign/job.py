@@ -139,13 +139,7 @@ def _next(run: Path, folder: RunFolder | None, found: Sequence[store.Imported]) 
 def _parts_imported(
     file: Path, name: str, reading: Reading, sidecar: Sidecar, axis: Axis, ask: Ask | None, left_out: list[str]
 ) -> list[store.Imported]:
-    """All recordings of one file.
-
-    Parameters
-    ----------
-    left_out : list of str
-        Gets sentences on moves in a log that no method can use.
-    """
+    """All recordings of one file; ``left_out`` gets sentences on moves in a log that no method can use."""
     parts = parts_of(file, reading, axis)
     timed = sidecar.experiment != "static_map" and reading.period_s is None
     mapping, guessed = completed(parts[0].table, reading.mapping, axis, timed=timed, ask=ask)

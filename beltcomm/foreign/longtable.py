@@ -32,7 +32,6 @@ def unstacked(table: Table) -> Table:
     Parameters
     ----------
     table : Table
-        Columns as they were read.
 
     Raises
     ------

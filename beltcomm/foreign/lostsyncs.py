@@ -95,20 +95,15 @@ def in_stamped_order(log: FrameLog) -> FrameLog:
             order[part[0] : part[-1] + 1] = part[np.argsort(stamps, kind="stable")]
     columns = {name: getattr(log, name)[order] for name in ("identifier", "remote", "length", "data", "t_s")}
     ordered = replace(log, **columns)
-    if uneven_syncs(ordered) >= uneven_syncs(log):
+    if _uneven_syncs(ordered) >= _uneven_syncs(log):
         return log
     moved = int(np.sum(order != np.arange(len(order))))
     note = f"{moved} frames stand in another order than their stamps; by the stamps more SYNCs have their PDOs behind them, so these hold"
     return replace(ordered, notes=(*log.notes, note))
 
 
-def uneven_syncs(log: FrameLog) -> int:
-    """Number of SYNCs behind which a frame that comes with each of them is missing or comes twice, over all such frames.
-
-    Parameters
-    ----------
-    log : FrameLog
-    """
+def _uneven_syncs(log: FrameLog) -> int:
+    """Number of SYNCs behind which a frame that comes with each of them is missing or comes twice, over all such frames."""
     syncs = np.flatnonzero((log.identifier == SYNC) & ~log.remote)
     if len(syncs) < _FEWEST_SYNCS:
         return 0

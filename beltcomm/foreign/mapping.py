@@ -13,13 +13,14 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from beltcomm.configfiles import did_you_mean, without_halves
 from beltcomm.errors import UsageError
 from beltcomm.foreign.table import Table
 from beltcomm.quantities import UNITS, in_other_unit, parse_quantity, plain_spelling, suffix_of, unit_of
+from beltcomm.recording.columns import KNOWN_COLUMNS
 
 #: What units are made of; an angle is a number.
 _DIMENSIONS: Mapping[str, Mapping[str, int]] = {
@@ -55,17 +56,14 @@ class Source:
     scaled: bool = False
 
 
-def sources_for(table: Table, written: Sequence[str], known: Collection[str]) -> dict[str, Source]:
+def sources_for(table: Table, written: Sequence[str]) -> dict[str, Source]:
     """Origin of each column: what the user wrote, then columns of the file that already have one of our names.
 
     Parameters
     ----------
     table : Table
-        Columns as they were read.
     written : sequence of str
         One ``column=name*scale`` each.
-    known : Collection[str]
-        Our names.
 
     Raises
     ------
@@ -75,18 +73,18 @@ def sources_for(table: Table, written: Sequence[str], known: Collection[str]) ->
     """
     sources: dict[str, Source] = {}
     for text in written:
-        source = parse_source(text, table, known)
+        source = parse_source(text, table)
         if source.column in sources:
             raise UsageError(f"--map {text}: {source.column} is already {sources[source.column].written}; map each column once")
         _check_stated_unit(text, source, table)
         sources[source.column] = source
-    for name in known:
+    for name in KNOWN_COLUMNS:
         if name in table.columns and name not in sources:
             sources[name] = Source(name, name, written=name)
     return sources
 
 
-def parse_source(text: str, table: Table, known: Collection[str]) -> Source:
+def parse_source(text: str, table: Table) -> Source:
     """One mapping, its name found in the table.
 
     Parameters
@@ -94,9 +92,6 @@ def parse_source(text: str, table: Table, known: Collection[str]) -> Source:
     text : str
         ``OURS=THEIRS*SCALE``.
     table : Table
-        Columns as they were read.
-    known : collection of str
-        Columns of ours.
 
     Raises
     ------
@@ -106,8 +101,8 @@ def parse_source(text: str, table: Table, known: Collection[str]) -> Source:
     column, equals, expression = (part.strip() for part in text.partition("="))
     if not equals or not expression:
         raise UsageError(f"--map {text} is no mapping; write OURS=THEIRS*SCALE, such as torque_nm=Iq*0.65")
-    if column not in known:
-        raise UsageError(f"--map {text}: {_no_column_of_ours(column, expression, known)}")
+    if column not in KNOWN_COLUMNS:
+        raise UsageError(f"--map {text}: {_no_column_of_ours(column, expression)}")
     for theirs, before, rest in _readings(expression, table):
         factors = _factors(before, rest, column)
         if factors is not None:
@@ -231,15 +226,15 @@ def _check_stated_unit(text: str, source: Source, table: Table) -> None:
         )
 
 
-def _no_column_of_ours(column: str, expression: str, known: Collection[str]) -> str:
+def _no_column_of_ours(column: str, expression: str) -> str:
     theirs_first = re.split(r"[*/+-]", expression)[0].strip()
-    if theirs_first in known:
+    if theirs_first in KNOWN_COLUMNS:
         return f"our column stands on the left: write --map {theirs_first}={column}{expression[len(theirs_first) :]}"
-    for name in known:
+    for name in KNOWN_COLUMNS:
         factor = in_other_unit(column, name)
         if factor is not None:
             return f"columns here are in SI, so it is {name}; write --map {name}={expression}*{factor:.6g}"
-    return f"there is no column {column!r} in a recording{did_you_mean(column, known)}; there are {', '.join(known)}"
+    return f"there is no column {column!r} in a recording{did_you_mean(column, KNOWN_COLUMNS)}; there are {', '.join(KNOWN_COLUMNS)}"
 
 
 def _not_understood(expression: str, column: str, table: Table) -> str:
@@ -257,19 +252,16 @@ def _not_understood(expression: str, column: str, table: Table) -> str:
     return f"{plain[len(name) :].strip()!r} behind {name!r} is not understood: *, / and a number{units}, then + or - an offset{decimal}"
 
 
-def kept_columns(table: Table, names: Sequence[str], sources: Mapping[str, Source], known: Collection[str]) -> dict[str, str]:
+def kept_columns(table: Table, names: Sequence[str], sources: Mapping[str, Source]) -> dict[str, str]:
     """Further columns to keep under their own name: our name -> theirs.
 
     Parameters
     ----------
     table : Table
-        Columns as they were read.
     names : sequence of str
         As the user wrote them, or "all".
     sources : mapping of str to Source
         By column of ours.
-    known : collection of str
-        Columns of ours.
 
     Raises
     ------
@@ -284,5 +276,5 @@ def kept_columns(table: Table, names: Sequence[str], sources: Mapping[str, Sourc
         if found is None:
             raise UsageError(f"--keep {name}: {table.no_such_column(name)}")
         plain = " ".join(without_halves(found).split()) or f"c{list(table.columns).index(found) + 1}"
-        kept[plain if plain not in known else f"{plain} (as found)"] = found
+        kept[plain if plain not in KNOWN_COLUMNS else f"{plain} (as found)"] = found
     return kept

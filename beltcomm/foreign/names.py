@@ -117,7 +117,6 @@ def meaning_of(table: Table, name: str) -> Meaning | None:
     Parameters
     ----------
     table : Table
-        Columns as they were read.
     name : str
         Of the column.
     """
@@ -233,7 +232,6 @@ def by_unit(table: Table, column: str, meaning: Meaning, axis: Axis, ratio: floa
     Parameters
     ----------
     table : Table
-        Columns as they were read.
     column : str
         Of ours.
     meaning : Meaning
@@ -288,7 +286,6 @@ def without_unit(table: Table, column: str, meaning: Meaning, axis: Axis, own: s
     Parameters
     ----------
     table : Table
-        Columns as they were read.
     column : str
         Of ours.
     meaning : Meaning

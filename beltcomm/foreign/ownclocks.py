@@ -30,7 +30,6 @@ def with_own_clocks(table: Table, heading: Heading) -> Table:
     Parameters
     ----------
     table : Table
-        Columns as they were read.
     heading : Heading
         Names and units of the columns.
     """

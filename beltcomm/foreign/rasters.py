@@ -36,7 +36,6 @@ def on_one_raster(table: Table, sources: Mapping[str, Source], kept: Mapping[str
     Parameters
     ----------
     table : Table
-        Columns as they were read.
     sources : mapping of str to Source
         By column of ours.
     kept : mapping of str to str

@@ -52,7 +52,6 @@ def relations(table: Table, time: str = "") -> Relations:
     Parameters
     ----------
     table : Table
-        Columns as they were read.
     time : str
         The column that is known to be it, "" to look for one.
     """

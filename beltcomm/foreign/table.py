@@ -48,10 +48,6 @@ class Table:
     def find(self, name: str) -> str | None:
         """The column that a name means: itself, else the only one that differs in case or by a unit in brackets, or c1 for the first.
 
-        Parameters
-        ----------
-        name : str
-
         Returns
         -------
         str or None
@@ -68,12 +64,7 @@ class Table:
         return list(self.columns)[place - 1] if 0 < place <= len(self.columns) else None
 
     def unit(self, name: str) -> str:
-        """The unit that the file states for a column: below its name or in brackets behind it; "" for none.
-
-        Parameters
-        ----------
-        name : str
-        """
+        """The unit that the file states for a column: below its name or in brackets behind it; "" for none."""
         if name in self.units:
             return self.units[name]
         found = _unit_in(name)
@@ -81,22 +72,12 @@ class Table:
 
     @staticmethod
     def bare(name: str) -> str:
-        """The name without a unit in brackets.
-
-        Parameters
-        ----------
-        name : str
-        """
+        """The name without a unit in brackets."""
         found = _unit_in(name)
         return found[0] + found[2] if found else name
 
     def no_such_column(self, name: str) -> str:
-        """The sentence for a name that is no column: the nearest one, and all there are.
-
-        Parameters
-        ----------
-        name : str
-        """
+        """The sentence for a name that is no column: the nearest one, and all there are."""
         shown = [known if " " not in known else f'"{known}"' for known in self.columns]
         more = f" and {len(shown) - 30} more" if len(shown) > 30 else ""
         return f"{self.file} has no column {name!r}{did_you_mean(name, self.columns, 0.5)}; it has {', '.join(shown[:30])}{more}"

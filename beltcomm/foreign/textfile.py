@@ -47,7 +47,7 @@ _FEWEST_SHORT = 3
 
 
 def read_text_table(
-    path: Path, separator: Separator | None, decimal: Decimal | None, skip_lines: int, torn_rows: bool, part: RowSpan = EVERY
+    path: Path, separator: Separator | None, decimal: Decimal | None, skip_lines: int, torn_rows: bool, part: RowSpan
 ) -> Table:
     """As :func:`beltcomm.foreign.files.read_table`, for text; read twice, piece by piece: no more is kept in memory than its numbers.
 

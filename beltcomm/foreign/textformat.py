@@ -90,30 +90,15 @@ class Format(NamedTuple):
         return not all(numeric or blank for numeric, blank in zip(self.numeric, self.blank, strict=True))
 
     def fields(self, line: str) -> list[str]:
-        """The cells of a line.
-
-        Parameters
-        ----------
-        line : str
-        """
+        """The cells of a line."""
         return _split(line, self.separator)
 
     def number(self, text: str) -> float | None:
-        """The number in a cell, None for text.
-
-        Parameters
-        ----------
-        text : str
-        """
+        """The number in a cell, None for text."""
         return _number(text, self.decimal_comma, self.grouped)
 
     def is_row(self, fields: Sequence[str]) -> bool:
-        """True where the numeric columns hold numbers or nothing, and one of them a number.
-
-        Parameters
-        ----------
-        fields : sequence of str
-        """
+        """True where the numeric columns hold numbers or nothing, and one of them a number."""
         if len(fields) != self.width:
             return False
         if any(cell and empty for cell, empty in zip(fields, self.blank, strict=True)):
@@ -125,23 +110,13 @@ class Format(NamedTuple):
         )
 
     def is_whole(self, fields: Sequence[str]) -> bool:
-        """True for as many cells as a row has, without a key before its numbers as a block of properties has.
-
-        Parameters
-        ----------
-        fields : sequence of str
-        """
+        """True for as many cells as a row has, without a key before its numbers as a block of properties has."""
         before = self.numeric.index(True) if True in self.numeric else 0
         keyed = any(cell and empty for cell, empty in zip(fields[:before], self.blank[:before], strict=False))
         return len(fields) == self.width and not keyed
 
     def is_torn(self, fields: Sequence[str]) -> bool:
-        """True for numbers alone that are not as many as in a row.
-
-        Parameters
-        ----------
-        fields : sequence of str
-        """
+        """True for numbers alone that are not as many as in a row."""
         filled = [cell for cell in fields if cell.lower() not in MISSING]
         return len(fields) != self.width and bool(filled) and all(self.number(cell) is not None for cell in filled)
 

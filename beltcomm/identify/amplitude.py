@@ -259,16 +259,9 @@ def _predict(
     braking: Callable[[Model], Braking] = _no_stop,
     losses: Callable[[Model], Sequence[HostLoss]] = _no_loss,
 ) -> Prediction:
-    """Worst case of one record over a family of models, starting at rest at ``position_m``.
+    """Worst case of one record over a family of models, starting at rest at ``position_m``, each torque held for ``sample_s``.
 
-    Parameters
-    ----------
-    torque : ndarray (n,), N m at the motor shaft
-        Held for ``sample_s`` each.
-    braking : callable
-        What stops each of the models.
-    losses : callable
-        What the death of the host means for each of them, in the ways in which the drive may be made to take it.
+    ``braking`` is what stops each of the models, ``losses`` what the death of the host means for each in the ways the drive may take it.
     """
     peak = float(np.max(np.abs(torque)))
     ways: list[tuple[float, ...]] = []
@@ -316,7 +309,6 @@ def largest_amplitude(
     shape : ndarray (n,)
         The record with unit amplitude.
     sample_s : float, s
-        Sampling period.
     position_m : float, m
         Carriage on the axis.
     limits : MotionLimits
@@ -378,11 +370,6 @@ def half_friction(model: Model) -> Model:
     ----------
     model : Model
         With friction.
-
-    Returns
-    -------
-    Model
-        A new model.
     """
     return model.with_values(_scale_values(model, _friction_names(model), 0.5))
 

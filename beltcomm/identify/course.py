@@ -43,18 +43,7 @@ class LinearTrend:
         return abs(self.slope) > self.sure_interval
 
     def at(self, t_s: Array) -> tuple[Array, Array]:
-        """The line and its 95 % band at times.
-
-        Parameters
-        ----------
-        t_s : ndarray, (n,), s
-            On the clock of the course.
-
-        Returns
-        -------
-        tuple of ndarray, (n,)
-            The line, and half the width of the band.
-        """
+        """The line, and half the width of its 95 % band, (n,) each, at times on the clock of the course."""
         u = t_s - self.middle_s
         return self.level + self.slope * u, np.hypot(self.level_interval, self.slope_interval * u)
 

@@ -95,25 +95,12 @@ def _dead_time_against(
     lowest_hz: float = 0.0,
     highest_hz: float = np.inf,
 ) -> DeadTime:
-    """Dead time by which a response lags another one, or a model, given at the same lines.
+    """Dead time by which a response lags another one, or a model, given at the same lines, (k,), rad/(N m), thesis (3.25) to (3.30).
 
-    Arguments as :func:`dead_time_between`; model_h : ndarray (k,), complex, rad/(N m), at the lines of ``response``.  It
-    must be the *sampled* response to a held torque: against a continuous one half a sample more is found, the delay of
-    the hold.
+    Arguments as :func:`dead_time_between`; ``model_noise`` is a standard deviation, None for a model.  A model must be the *sampled*
+    response to a held torque: against a continuous one half a sample more is found, the delay of the hold.
 
-    Parameters
-    ----------
-    model_noise : ndarray (k,) or None, rad/(N m)
-        Its standard deviation, None for a model.
-
-    Raises
-    ------
-    DataError
-        When lengths differ or too few lines lie within.
-
-    References
-    ----------
-    Thesis (3.25) to (3.30).
+    Raises DataError when lengths differ or too few lines lie within.
     """
     if model_h.shape != response.h.shape:
         raise DataError(f"the model has {len(model_h)} values, the response {len(response.h)} lines; evaluate it at these lines")

@@ -75,7 +75,6 @@ def final_model(
         Of a run; those held out only judge.
     axis : Axis
     counts_per_rev : int
-        Of the encoder.
     start : Model or None
         In place of the start values found from the excited records.
     progress : callable
@@ -197,11 +196,6 @@ def _or_with_sheet_inertia(fit: ModelFit, axis: Axis, recordings: Sequence[Recor
 
     In a gap the motor swings alone: excited records show masses that are not there, as many as one likes, and a stiffness to each.  Strokes
     and moves carry the whole load, so that with the motor's inertia as it is stated the load is what slow motion says.
-
-    Returns
-    -------
-    ModelFit
-        ``fit`` itself where it is near the noise, or the other one explains less.
     """
     sheet, name = data_sheet(axis, recordings), "motor.inertia"
     if sheet is None or fit.misfit < FAR_OFF**2 or abs(math.log(fit.model[name] / sheet[name])) < math.log(STRAYED):
@@ -259,13 +253,7 @@ class PlaceStiffness:
 
 
 def _clear_spread(places: Mapping[str, PlaceStiffness]) -> float:
-    """Largest relative difference between two places that is beyond chance (``CLEAR`` deviations); 0 without any.
-
-    Parameters
-    ----------
-    places : mapping of str to PlaceStiffness
-        By record.
-    """
+    """Largest relative difference between two places that is beyond chance (``CLEAR`` deviations); 0 without any."""
     pairs = itertools.combinations(places.values(), 2)
     differences = [(abs(np.log(a.stiffness_n_m / b.stiffness_n_m)), float(np.hypot(a.deviation, b.deviation))) for a, b in pairs]
     return max((float(np.expm1(d)) for d, deviation in differences if d > CLEAR * deviation), default=0.0)
@@ -284,7 +272,6 @@ def with_late_torque(found: FinalModel, recordings: Sequence[Recording], axis: A
         That it was fitted to.
     axis : Axis
     counts_per_rev : int
-        Of the encoder.
     """
     late = found.fit.model.with_effect("dead_time", {"time": LATE_S})
     other = _fitted(recordings, axis, counts_per_rev, late)
@@ -305,7 +292,6 @@ def from_records_alone(found: FinalModel, recordings: Sequence[Recording], axis:
         That it was fitted to.
     axis : Axis
     counts_per_rev : int
-        Of the encoder.
     """
     other = _fitted(recordings, axis, counts_per_rev) if _is_doubtful(found.fit) else None
     return found if other is None or _is_doubtful(other.fit) else other
@@ -322,16 +308,10 @@ def begun_best(
         Of the run.
     axis : Axis
     counts_per_rev : int
-        Of the encoder.
     first : Model or None
         Of a part of the records.
     progress : callable
         Told the share that is done, 0 to 1.
-
-    Returns
-    -------
-    FinalModel
-        With its reason.
 
     Raises
     ------
@@ -372,26 +352,10 @@ def _fitted(recordings: Sequence[Recording], axis: Axis, counts_per_rev: int, st
 def _stiffness_by_record(
     recordings: Sequence[Recording], model: Model, counts_per_rev: int, noise_nm: float, path: TorquePath = FAITHFUL
 ) -> dict[str, PlaceStiffness]:
-    """Belt stiffness that each excited record wants for itself, all else as in ``model``; not of held-out records, nor of moving ones.
+    """Belt stiffness, N/m, that each excited record wants for itself, all else as in ``model``; not of held-out records, nor of moving
+    ones.
 
     Where the carriage stuck before is neglected: below 0.1 % of the stiffness (tests/identify/test_final.py).
-
-    Parameters
-    ----------
-    recordings : sequence of Recording
-    model : Model
-        With one belt stiffness.
-    counts_per_rev : int
-        Of the encoder.
-    noise_nm : float
-        Of the torque, N m rms.
-    path : TorquePath
-        To the torque that acts.
-
-    Returns
-    -------
-    dict of str to PlaceStiffness
-        N/m, with the deviation of its logarithm.
     """
     found = {}
     place = model.index("belt_stiffness.stiffness")
@@ -420,20 +384,7 @@ def _stiffness_by_record(
 
 
 def _as_constant(model: Model, position_m: float) -> Model:
-    """A model with the belt law by position, as one with the constant stiffness that the law has at a place.
-
-    Parameters
-    ----------
-    model : Model
-        With any belt law.
-    position_m : float, m
-        Carriage on the axis.
-
-    Returns
-    -------
-    Model
-        ``model`` itself without a law by position.
-    """
+    """A model with the belt law by position, as one with the constant stiffness that the law has at a place of the carriage."""
     if "belt_spans" not in model.effects:
         return model
     names = ("specific_stiffness", "pulley_distance", "offset")
@@ -458,11 +409,6 @@ def by_position(model: Model, axis: Axis, recordings: Sequence[Recording], place
         For the places of their records.
     places : mapping of str to PlaceStiffness
         By record.
-
-    Returns
-    -------
-    Model
-        Start values of a fit.
 
     Raises
     ------

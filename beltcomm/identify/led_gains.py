@@ -44,18 +44,7 @@ class GainFactors:
     kpp_interval: float
 
     def of(self, cascade: Cascade) -> Cascade:
-        """A controller as it really is in the drive.
-
-        Parameters
-        ----------
-        cascade : Cascade
-            As it was set.
-
-        Returns
-        -------
-        Cascade
-            With the gains that act.
-        """
+        """A controller as it really is in the drive."""
         return replace(
             cascade,
             kp_nm_s_rad=self.kp * cascade.kp_nm_s_rad,

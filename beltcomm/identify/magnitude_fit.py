@@ -100,25 +100,12 @@ class MagnitudeFit:
 
 
 def _product_form(freq_hz: Array, theta: Mapping[str, Array | float], transmission_m_rad: float) -> ComplexArray:
-    """Torque to motor angle (2.42), rad/(N m), for any number of parameter sets at once.
+    """Torque to motor angle (2.42), errata 1 and 2, rad/(N m), for any number of parameter sets at once.
 
     G = 1/(s² (Θ_e + i_t² m_c) + s i_t² (d_m + d_c)) · (m_c s² + d_c s + c)/(μ s² + δ s + c)
     μ = Θ_e m_c/(Θ_e + i_t² m_c),   δ = (i_t² m_c d_m + Θ_e d_c)/(Θ_e + i_t² m_c)
 
-    Raises nothing.
-
-    Parameters
-    ----------
-    freq_hz : ndarray (n,)
-        > 0.
-    theta : dict of str to ndarray | float
-        The names of :data:`PARAMETERS`; shapes that broadcast with (n,); d_m and d_c in N s/m at the belt.
-    transmission_m_rad : float
-        i_t, m/rad.
-
-    References
-    ----------
-    Thesis (2.42), errata 1 and 2.
+    ``theta`` by the names of :data:`PARAMETERS`, in shapes that broadcast with the frequencies, (n,); d_m and d_c in N s/m at the belt.
     """
     s = 2j * np.pi * freq_hz
     total, rigid_damping, mu, delta = _combined_coefficients(theta, transmission_m_rad)
@@ -167,7 +154,7 @@ def fit_magnitude(
         raise UsageError(f"i_t = {transmission_m_rad} m/rad and Θ_e = {inertia_kg_m2} kg m² must be positive")
     if solver not in ("lm", "trf", "nelder-mead"):
         raise UsageError(f"solver {solver!r} is not known; choose lm, trf or nelder-mead")
-    chosen = chosen_lines(response, MOST_LINES, HIGHEST_CONTINUOUS)
+    chosen = _chosen_lines(response, MOST_LINES, HIGHEST_CONTINUOUS)
     measured_db = decibels(chosen.h)
     few = log_spaced_lines(chosen.freq_hz, N_START_LINES, 0.0, HIGHEST_CONTINUOUS / response.sample_period_s)
     starts = _start_values(chosen.freq_hz[few], measured_db[few], transmission_m_rad, inertia_kg_m2)
@@ -294,27 +281,10 @@ def _combined_coefficients(theta: Mapping[str, Array | float], transmission_m_ra
     return total, i2 * (d_m + d_c), inertia * m_c / total, (i2 * m_c * d_m + inertia * d_c) / total
 
 
-def chosen_lines(response: FrequencyResponse, n_lines: int, highest_share: float) -> FrequencyResponse:
-    """Lines up to a share of the sampling frequency that are not noise, thinned to a nearly log-spaced subset.
+def _chosen_lines(response: FrequencyResponse, n_lines: int, highest_share: float) -> FrequencyResponse:
+    """Lines up to a share of the sampling frequency that are not noise, thinned to a nearly log-spaced subset of at most ``n_lines``.
 
-    Parameters
-    ----------
-    response : FrequencyResponse
-        With its noise.
-    n_lines : int
-        At most.
-    highest_share : float
-        Of the sampling frequency, up to which lines count.
-
-    Returns
-    -------
-    FrequencyResponse
-        Those lines alone.
-
-    Raises
-    ------
-    DataError
-        When too few are left.
+    Raises DataError when too few are left.
     """
     highest_hz = highest_share / response.sample_period_s
     clear = np.flatnonzero((np.abs(response.h) > 0) & (response.noise <= LARGEST_NOISE * np.abs(response.h)))
@@ -456,7 +426,7 @@ def fit_magnitudes(
         Three-mass model; its Coulomb friction is left out.
     axis : Axis
     """
-    chosen = {name: chosen_lines(r, LINES, HIGHEST_SAMPLED) for name, r in responses.items()}
+    chosen = {name: _chosen_lines(r, LINES, HIGHEST_SAMPLED) for name, r in responses.items()}
     if not chosen:
         return None
     models = [_linear_model(start, axis)]
@@ -466,13 +436,7 @@ def fit_magnitudes(
 
 
 def _linear_model(model: Model, axis: Axis) -> Model:
-    """The model with viscous friction alone, at values that Coulomb friction poses as around standstill.
-
-    Returns
-    -------
-    Model
-        Start values of a fit of magnitudes.
-    """
+    """The model with viscous friction alone, at values that Coulomb friction poses as around standstill."""
     values = {name: model[name] for name in model.parameters if name.partition(".")[0] not in ("coulomb", "cart_friction")}
     values |= {"belt_sections.offset": axis.travel.driven_side_offset_m, **START_DAMPING}
     effects = [e for e in model.effects if e not in ("coulomb", "cart_friction")]
@@ -482,17 +446,7 @@ def _linear_model(model: Model, axis: Axis) -> Model:
 def _with_coupling(model: Model, axis: Axis) -> Model:
     """The model with the data sheet's coupling as a spring at the motor shaft: half of it turns with the motor, half with the pulley.
 
-    Parameters
-    ----------
-    model : Model
-        Without a coupling.
-    axis : Axis
-        With inertias of coupling, pulley and gearbox, kg m².
-
-    Returns
-    -------
-    Model
-        The inertia of motor and pulley together as it was.
+    Inertias of coupling, pulley and gearbox are the axis's; that of motor and pulley together stays.
     """
     behind = ((axis.get("pulley.inertia_kg_m2") or 0.0) + axis.gearbox.inertia_kg_m2) / axis.gearbox.ratio**2
     behind += 0.5 * axis.coupling.inertia_kg_m2

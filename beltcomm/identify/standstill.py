@@ -88,15 +88,7 @@ class Standstill:
 def _sine_amplitude(speed: Array) -> float:
     """Ω = (4/π) E ω²/E|ω| : the amplitude of the sine for which Coulomb friction is the same damper as for this motion.
 
-    Parameters
-    ----------
-    speed : ndarray (n,)
-        rad/s or m/s.
-
-    Raises
-    ------
-    DataError
-        For no motion.
+    Raises DataError for no motion.
     """
     mean = float(np.mean(np.abs(speed)))
     if not mean > 0.0:
@@ -105,39 +97,14 @@ def _sine_amplitude(speed: Array) -> float:
 
 
 def _friction_as_damping(level: float, amplitude: float) -> float:
-    """d = 4 M/(π Ω), describing function of Coulomb friction.
-
-    Parameters
-    ----------
-    level : float, N m
-        Or N.
-    amplitude : float
-        Ω, rad/s, or m/s.
-    """
+    """d = 4 M/(π Ω), describing function of Coulomb friction M, N m or N, at the amplitude Ω of speed, rad/s or m/s."""
     return 4.0 * level / (np.pi * amplitude)
 
 
 def _motion_of(recording: Recording, model: Model) -> tuple[Array, Array]:
     """Speed of motor and of carriage, both rad/s at the motor, on a fine grid, from the first measured period on.
 
-    The carriage follows the measured motor angle through the model's belt.
-
-    Parameters
-    ----------
-    recording : Recording
-        Around a standstill.
-    model : Model
-        With a belt.
-
-    Returns
-    -------
-    tuple of ndarray
-        rad/s at the motor shaft, of motor and carriage.
-
-    Raises
-    ------
-    DataError
-        For a record too short.
+    The carriage follows the measured motor angle through the model's belt.   Raises DataError for a record too short.
     """
     note = recording.sidecar.excitation
     first = float(recording.t_s[note.first_sample if note is not None else 0])
@@ -158,17 +125,8 @@ def _motion_of(recording: Recording, model: Model) -> tuple[Array, Array]:
 def _standstill_of(recording: Recording, fit: MagnitudeFit, model: Model, sweep: FrictionFit) -> Standstill:
     """Both dampings of one record, and what Coulomb friction explains of their difference.
 
-    Parameters
-    ----------
-    fit : MagnitudeFit
-        Of the record's response.
-    model : Model
-        With the split of the friction between motor and carriage, as far as it knows it; its sum is that of the sweep.
-
-    Raises
-    ------
-    DataError
-        For a record that is not around standstill.
+    ``model`` splits the friction between motor and carriage, as far as it knows it; its sum is that of the sweep.
+    Raises DataError for a record that is not around standstill.
     """
     motor, cart = _motion_of(recording, model)
     if abs(float(np.mean(motor))) > MOVING_SHARE * rms(motor):
@@ -203,13 +161,7 @@ def _parts(fit: MagnitudeFit) -> tuple[float, float]:
 
 
 def _apparent(fit: MagnitudeFit) -> Value:
-    """i_t² (d_m + d_c) with its interval, from both intervals and their correlation; infinite where one is not determined.
-
-    Returns
-    -------
-    Value
-        N m s/rad at the motor shaft.
-    """
+    """i_t² (d_m + d_c), N m s/rad at the motor shaft, from both intervals and their correlation; infinite where one is not determined."""
     names = ("motor_damping_n_s_m", "cart_damping_n_s_m")
     half = np.array([fit.parameters[name].interval or 0.0 for name in names])
     both = [fit.names.index(name) for name in names if name in fit.names]

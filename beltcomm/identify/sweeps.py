@@ -217,11 +217,6 @@ def steady_passes(recordings: Sequence[Recording], model: Model) -> SteadyPasses
     recordings : sequence of Recording
     model : Model
         Whose inertia is taken off passes that miss their speed.
-
-    Returns
-    -------
-    SteadyPasses
-        In the order of the records.
     """
     inertia, slowest = total_inertia(model), slowest_fitted_rad_s(model["transmission.ratio"])
     sweeps = (r for r in recordings if r.sidecar.experiment == "friction_sweep" and not r.sidecar.held_out)
@@ -239,11 +234,6 @@ def plateaus_of(recording: Recording, inertia_kg_m2: float) -> tuple[Plateau, ..
         With a reference velocity.
     inertia_kg_m2 : float, kg m²
         See :func:`find_plateaus`.
-
-    Returns
-    -------
-    tuple of Plateau
-        In the order of the record.
     """
     assert recording.reference_velocity is not None
     noted = recording.sidecar.extra.get(RUN_IN_KEY)
@@ -288,11 +278,6 @@ def measurements(sweeps: Sequence[Sweep]) -> Mapping[int, tuple[Sweep, ...]]:
     ----------
     sweeps : sequence of Sweep
         Of any measurement.
-
-    Returns
-    -------
-    dict of int to tuple of Sweep
-        By the number of the measurement.
     """
     numbers = sorted({s.note.measurement for s in sweeps if s.note.measurement and s.from_s is not None})
     return {number: tuple(s for s in sweeps if s.note.measurement == number) for number in numbers}

@@ -127,7 +127,6 @@ def compare_masses(
     recordings : sequence of Recording
     axis : Axis
     counts_per_rev : int
-        Of the encoder.
     responses : dict of str to FrequencyResponse
         Of the excited records with repeated periods, by name.
     progress : callable
@@ -153,11 +152,6 @@ def _with_spans(two: FinalModel, axis: Axis, recordings: Sequence[Recording], co
     """The two-mass model on the same spans with a massless end pulley, where that is the better one.
 
     A belt that gets softer along the few millimetres of an excitation must not be taken for a third mass.
-
-    Returns
-    -------
-    FinalModel
-        ``two`` itself where one stiffness is as good.
     """
     stiffness = PlaceStiffness(two.fit.model["belt_stiffness.stiffness"], 0.0)
     places = {r.name: stiffness for r in recordings if r.sidecar.experiment == "frf" and not r.sidecar.held_out}
@@ -179,12 +173,7 @@ def _fit_three_mass(
 ) -> ModelFit:
     """The three-mass model fitted to the excited records from the start values that rank best, until it explains them, then to all.
 
-    Raises
-    ------
-    DataError
-        When no start value is possible.
-    Refused
-        When no fit stays finite.
+    Raises DataError when no start value is possible, Refused when no fit stays finite.
     """
     excited = [r for r in recordings if r.sidecar.experiment == "frf" and not r.sidecar.held_out]
     ranked = _ranked(list(_starts(axis, two.model, recordings, two.suspect)), excited, counts_per_rev, two.noise_nm)
@@ -329,17 +318,8 @@ def resonances_hz(model: Model, position_m: float, held: Sequence[str] = ()) -> 
 
 
 def _signal_up_to(response: FrequencyResponse) -> float:
-    """Highest frequency at which a response stands above its noise: median over neighbouring lines at least ``SHOWN``.
-
-    Parameters
-    ----------
-    response : FrequencyResponse
-        With its noise.
-
-    Returns
-    -------
-    float
-        Hz; 0 where it nowhere does.
+    """Highest frequency, Hz, at which a response stands above its noise, median over neighbouring lines at least ``SHOWN``; 0 where it
+    nowhere does.
     """
     ratio = np.abs(response.h) / np.maximum(response.noise, 1e-300)
     width = min(TOGETHER, len(ratio))
@@ -359,25 +339,7 @@ def _reach(name: str, place_m: float | None, response: FrequencyResponse, model:
 def _judge_third_mass(
     two: FinalModel, three: ModelFit, axis: Axis, recordings: Sequence[Recording], responses: Mapping[str, FrequencyResponse]
 ) -> ThreeMass:
-    """The third mass, judged by evidence, intervals, held-out records, what is left over, and its mode within the records.
-
-    Parameters
-    ----------
-    two : FinalModel
-        Of two masses.
-    three : ModelFit
-        Of three, on the same records.
-    axis : Axis
-    recordings : sequence of Recording
-        Of the fits.
-    responses : mapping of str to FrequencyResponse
-        By record, rad/(N m).
-
-    Returns
-    -------
-    ThreeMass
-        With the reasons against it.
-    """
+    """The third mass, judged by evidence, intervals, held-out records, what is left over, and its mode within the records."""
     gain = evidence(three, two.fit)
     item = three.model.parameters[MASS]
     known = item.interval is not None and item.interval <= WELL_KNOWN * item.value

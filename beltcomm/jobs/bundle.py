@@ -58,7 +58,6 @@ def write_bundle(run: Path, path: Path, *, recordings: bool = False, private: Se
     Parameters
     ----------
     run : Path
-        Of the run folder.
     path : Path
         Of the file.
     recordings : bool

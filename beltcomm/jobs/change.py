@@ -111,13 +111,7 @@ def add_to_run(
 
 
 def _grow(here: Opened, effect: str, start: Mapping[str, float] | None, command: str, when: str) -> tuple[Data, Fitted, Revision]:
-    """Records and model with an effect, saved as a rung.
-
-    Raises
-    ------
-    Refused
-        When no values were found with which the error falls.
-    """
+    """Records and model with an effect, saved as a rung; raises Refused when no values were found with which the error falls."""
     data, named = _fit_with(here, effect, start)
     on_body = assign_body(data, named, effect_named(effect))
     shaped = fit_law_shapes(data, on_body.fitted, here.fitted.model)
@@ -236,13 +230,7 @@ def _named_beside(folder: RunFolder, model: Model) -> list[str]:
 
 
 def _fit_with(here: Opened, effect: str, start: Mapping[str, float] | None) -> tuple[Data, Fitted]:
-    """Records and model with an effect, whatever speaks for it.
-
-    Parameters
-    ----------
-    start : mapping of str to float, or None
-        Own parameters of the effect by bare name, from which the fit begins; None lets it search.
-    """
+    """Records and model with an effect, whatever speaks for it, from the effect's own parameters by bare name; None lets it search."""
     if effect == COUPLING.name and not start and (found := add_coupling(here.data, here.fitted, here.folder.axis)) is not None:
         return found
     if effect == SECTIONS and not start and (sections := with_sections(here.data, here.fitted)) is not None:

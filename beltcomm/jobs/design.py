@@ -62,7 +62,6 @@ def basis_of(run: Path, talk: Talk) -> Basis:
     Parameters
     ----------
     run : Path
-        Of the run folder.
     talk : Talk
 
     Raises
@@ -123,7 +122,6 @@ def delivered(
     payload_kg : float or None
         Heaviest further load.
     seed : int
-        Of the draws.
     pictures : bool
         True for pictures into the run.
     command : str
@@ -134,7 +132,7 @@ def delivered(
     folder, findings = basis.folder, basis.findings
     assert findings.design is not None
     assert findings.cascade is not None
-    if not offline.place_known(basis.recordings):
+    if not _place_known(basis.recordings):
         findings.design = replace(findings.design, remarks=(*findings.design.remarks, offline.ONE_PLACE))
     if (remark := referencing.slow_payload(folder.axis, basis.model["cart.mass"], payload_kg)) is not None:
         findings.remarks.append(remark)
@@ -221,3 +219,8 @@ def _keep_replaced(folder: RunFolder, other: Mapping[str, Any]) -> str:
     name = next_free("replaced_", folder.names("designs"))
     folder.save("designs", name, folder.load("designs", "final"))
     return f"designs/{name}.yaml"
+
+
+def _place_known(recordings: Sequence[Recording]) -> bool:
+    """True if some excited recording says where along the travel it was made."""
+    return any(r.sidecar.start_position_m is not None for r in recordings if r.sidecar.experiment == "frf")

@@ -33,15 +33,7 @@ _REMEDY: Final = "correct the drive's data with the maker's tool, or axis.yaml: 
 
 
 def _compared(findings: Sequence[Finding], axis: Axis) -> list[Finding]:
-    """One finding per entry that both know; entries that one of them lacks are left out.
-
-    Parameters
-    ----------
-    findings : sequence of Finding
-        With what was read from the drive.
-    axis : Axis
-        Data sheets.
-    """
+    """One finding per entry that both know; entries that one of them lacks are left out."""
     said = {name: value for finding in findings for name, value in finding.values.items()}
     seen = {name: float(value) for name, value in said.items() if isinstance(value, (int, float))}
     if not seen:  # nothing was read

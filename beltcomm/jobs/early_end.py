@@ -64,11 +64,6 @@ def searched(job: Callable[P, Result]) -> Callable[P, Result]:
     ----------
     job : callable
         From arguments to a result.
-
-    Returns
-    -------
-    callable
-        The same call.
     """
 
     @wraps(job)

@@ -177,13 +177,7 @@ def _mcap(folder: RunFolder, name: str | None, out: Path | None, options: Option
 
 
 def _dcf(folder: RunFolder, saved: Mapping[str, Any], out: Path | None, when: str, options: Options, talk: Talk) -> Result:
-    """Values that the design writes into its drive, as a device configuration file (CiA 306).
-
-    Raises
-    ------
-    DataError
-    Refused
-    """
+    """Values that the design writes into its drive, as a device configuration file (CiA 306); raises DataError, Refused."""
     known = folder.load_result("drive") or {}
     if known.get("gains") == "unknown":
         raise Refused(
@@ -266,12 +260,8 @@ _ROWS = 10_000
 def _write_mcap(stream: IO[bytes], recordings: Sequence[Recording]) -> None:
     """All columns of each recording as a message per row, stamped by the session's clock where one is known.
 
-    Every number stands in the message as it is, t_s too: a stamp is whole nanoseconds.
-
-    Raises
-    ------
-    UsageError
-        Without the package that writes such files, or for stamps before the session's clock.
+    Every number stands in the message as it is, t_s too: a stamp is whole nanoseconds.   Raises UsageError without the package that writes
+    such files, or for stamps before the session's clock.
     """
     try:
         from mcap.writer import Writer

@@ -39,23 +39,10 @@ _SHOWN = (
 )
 
 
-def _fit_three_masses(run: Path, *, command: str = "", when: str = "", talk: Talk | None = None) -> Result:
+def _fit_three_masses(run: Path, *, command: str, when: str, talk: Talk | None) -> Result:
     """Two and three masses fitted to all records of a run.   Exit code 1 and nothing written where they do not hold a third mass.
 
-    Parameters
-    ----------
-    run : Path
-        Of the run folder.
-    command, when : str
-        Noted with the revision.
-    talk : Talk or None
-        Hears progress; None says nothing.
-
-    Raises
-    ------
-    UsageError
-        Without the belt's data.
-    DataError
+    Raises UsageError without the belt's data, DataError.
     """
     talk = talk or Silence()
     folder = RunFolder.open(run)

@@ -34,7 +34,6 @@ def follow_plan(drive: Drive, run: Path, file: Path, options: Options, agree: Ca
     drive : Drive
         Connected.
     run : Path
-        Of the run folder.
     file : Path
         Of the plan.
     options : Options

@@ -97,12 +97,7 @@ def friction_compare(runs: Place | Sequence[Place], *, pictures: bool = False, c
 def _load_of(studies: Sequence[tuple[RunFolder, FrictionStudy, Model | None]]) -> tuple[str, LoadDependence, float]:
     """Friction against load; what the load is, in words, and the fastest speed that all have, rad/s at the motor.
 
-    The stated payload where every sweep has one, else the moving mass of each run's model.
-
-    Raises
-    ------
-    DataError
-        Without either.
+    The stated payload where every sweep has one, else the moving mass of each run's model; raises DataError without either.
     """
     groups: dict[str, tuple[RunFolder, Model | None, float | None, list[Sweep]]] = {}
     alone = len({folder.path.name for folder, _, _ in studies}) == len(studies)

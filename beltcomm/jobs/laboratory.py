@@ -196,7 +196,7 @@ def diagnose_run(
     if auto or following:
         return _diagnosed(folder, run, auto, cost, following, command, when, talk)
     result = kept_or_new(folder, "diagnosis", (cost,), lambda: _diagnosed(folder, run, auto, cost, following, command, when, talk))
-    return _with_lines(result, _unkept(folder, "diagnosis", result.data))
+    return _with_lines(result, _unkept(folder, result.data))
 
 
 def _diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: bool, command: str, when: str, talk: Talk) -> Result:
@@ -230,7 +230,7 @@ def _diagnosed(folder: RunFolder, run: Path, auto: bool, cost: bool, following: 
     text = screens.diagnosis_screen(found, before, after, warned, notes, data.get("cost"))
     details += sights.lines
     text += sights.planned
-    text += _unkept(folder, "diagnosis", plain(data)) if auto or following else []
+    text += _unkept(folder, plain(data)) if auto or following else []
     if not auto:
         designs = folder.axis.has_transmission and "final" in folder.names("models")
         return Result(data, text + words.after_diagnosis(found, run, planned, designs), details=details)
@@ -249,10 +249,10 @@ def _undetermined_in(fitted: Fitted, base: Fitted) -> list[str]:
     return undetermined_effects(with_intervals(fitted), base.model)
 
 
-def _unkept(folder: RunFolder, name: str, found: Mapping[str, Any]) -> list[str]:
-    """Keep a result; in a folder that cannot be written, what was found is shown all the same, with a line that says so."""
+def _unkept(folder: RunFolder, found: Mapping[str, Any]) -> list[str]:
+    """Keep a diagnosis; in a folder that cannot be written, what was found is shown all the same, with a line that says so."""
     try:
-        folder.save("results", name, found)
+        folder.save("results", "diagnosis", found)
     except UsageError as problem:
         return [f"Not kept: {problem}."]
     return []

@@ -41,7 +41,6 @@ def identify_in_loop(drive: Drive, axis: Axis, run: Path, options: Options, agre
     axis : Axis
         As its file states it.
     run : Path
-        Of the run folder.
     options : Options
         Settings of the session.
     agree : callable

@@ -79,13 +79,7 @@ def _plan_of(axis: Axis, capabilities: Capabilities, by_m: float) -> Plan:
 
 
 def _make(drive: Drive, axis: Axis, by_m: float, position_m: float | None) -> float:
-    """Move; returns how far it went, m.
-
-    Parameters
-    ----------
-    position_m : float or None
-        Where the carriage stands, as the operator says. Raises as the drive does.
-    """
+    """Move from where the operator says that the carriage stands; returns how far it went, m.  Raises as the drive does."""
     if not _by_drive(drive.capabilities):
         return small_move(drive, axis, by_m, position_m)
     ratio, period_s = axis.transmission_m_rad, drive.capabilities.sample_period_s

@@ -95,11 +95,6 @@ def own_thesis(topic: str, run: Place, edges: Place | None = None, *, pictures: 
     command : str
         Command line, kept as provenance.
 
-    Returns
-    -------
-    Result
-        Its table.
-
     Raises
     ------
     UsageError

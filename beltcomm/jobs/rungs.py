@@ -108,7 +108,6 @@ def plain_of(found: Diagnosis, rungs: Sequence[Revision]) -> tuple[Plain, Plain]
     Parameters
     ----------
     found : Diagnosis
-        The diagnosis.
     rungs : sequence of Revision
         Of the run.
     """

@@ -192,13 +192,7 @@ def _check_rows(duration_s: float, period_s: float, along: MotionBounds) -> None
 
 
 def _along(speed: float, back: float | None, up: float, down: float | None, rise: float, fall: float | None) -> MotionBounds:
-    """Bounds of a motion upwards.
-
-    Raises
-    ------
-    UsageError
-        For a limit that is not positive; no speed back is possible.
-    """
+    """Bounds of a motion upwards; raises UsageError for a limit that is not positive; no speed back is possible."""
     given = {"speed": speed, "acceleration": up, "deceleration": down, "jerk": rise, "jerk down": fall}
     for name, value in given.items():
         if value is not None and not value > 0.0:

@@ -128,7 +128,6 @@ def verify_with(
     name : str
         Of the drive, for what to do next.
     run : Path
-        Of the run folder.
     options : Options
         Settings of the session.
     agree : callable

@@ -47,8 +47,8 @@ def apply_to(
     talk: Talk,
     agree: Callable[[Plan, Machine], None],
     *,
-    dcf: Path | None = None,
-    shown: bool = False,
+    dcf: Path | None,
+    shown: bool,
 ) -> Result:
     """The run's design, or a file's values, into its drive.
 

@@ -148,13 +148,6 @@ def _falls(change: tuple[float, float], before: float, after: float) -> bool:
     """True if a plain error falls; where it rises by no more than anybody reads off, whether the error over the noise does.
 
     Such an effect smooths the noise instead where the error ends below what that can leave.
-
-    Parameters
-    ----------
-    change : tuple of float
-        Of the squares, and what of a rise nobody reads off.
-    before, after : float
-        Errors over the noise.
     """
     rise, unread = change
     return rise <= unread and (rise < 0.0 or (after < before and not after < TOO_LITTLE <= before))

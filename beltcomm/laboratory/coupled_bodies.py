@@ -150,12 +150,7 @@ def with_sections(data: Data, current: Fitted) -> Fitted | None:
 def _grown_by_coupling(data: Data, current: Fitted, axis: Axis, *, alone: bool = False) -> tuple[Data, Fitted, Fitted, int] | None:
     """Records with steps of time that suit a coupling, the model as it is and with one, and places it was begun from; None for none.
 
-    An end pulley comes with it where that leaves less than its parameters cost.
-
-    Parameters
-    ----------
-    alone : bool
-        No end pulley comes with it.
+    An end pulley comes with it where that leaves less than its parameters cost; none where ``alone``.
     """
     here = current.model
     own = _has_end_pulley(here)
@@ -176,12 +171,7 @@ def _grown_by_coupling(data: Data, current: Fitted, axis: Axis, *, alone: bool =
 def _raster(here: Model, start: Model, place_m: float, with_pulley: bool) -> Iterator[Model]:
     """Models with a coupling, and with an end pulley or without, whose low frequencies are those of the start values.
 
-    Parameters
-    ----------
-    here : Model
-        Its effects stay; with a delay of the torque and without, for it may be one or stand for the coupling's inertia.
-    place_m : float, m
-        Of the carriage, where the belt's stiffness counts.
+    The effects of ``here`` stay; with a delay of the torque and without, for it may be one or stand for the coupling's inertia.
     """
     known = {name: start[name] for name in start.parameters if name in here.parameters}
     late = here.with_values(known, "start")
@@ -212,12 +202,7 @@ def _begun_at(model: Model | None, values: Mapping[str, float]) -> Model | None:
 def _with_pulleys(model: Model, mass: float, belt: float) -> Iterator[Model]:
     """The model with end pulleys: in a span of unknown geometry, or between the sections of one that is known, where it may be already.
 
-    Parameters
-    ----------
-    mass : float, kg
-        Of the carriage.
-    belt : float, N/m
-        Stiffness to which the damping of the belt belongs.
+    ``mass`` is the carriage's, kg; the damping of the belt belongs to the stiffness ``belt``, N/m.
     """
     if SPANS_BY_PLACE in model.effects:
         tried = (_begun_at(_by_sections(model, belt), {"end_pulley.mass": share * mass}) for share in PULLEYS)

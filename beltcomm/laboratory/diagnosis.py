@@ -348,12 +348,7 @@ def _find_candidates(
     """Candidates for what is missing, best first.
 
     Where the fit strayed from its start values, looked for from there as well, and where nothing explains most even so, for a gap between
-    those values (``gap_from_start``) and for what hides each other (``gap_behind_delay``).
-
-    Parameters
-    ----------
-    above : float
-        O per sample from which on a fit explains little.
+    those values (``gap_from_start``) and for what hides each other (``gap_behind_delay``).  O per sample ``above`` explains little.
     """
     ground = ground_of(current, data.fitted, axis)
     candidates = search(data, scorer, ground, progress=progress, swallowed_above=above)
@@ -417,12 +412,8 @@ def _accept_best(
 ) -> Acceptance:
     """The best candidate with everything fitted again; the next one where the error as a whole grows, and none where that is not accepted.
 
-    Such a one explains only what it does to the noise, as a lag of the reading beside a dead time does.
-
-    Parameters
-    ----------
-    causes_left : bool
-        Whether one more cause may be named; else only further orders of one.
+    Such a one explains only what it does to the noise, as a lag of the reading beside a dead time does.  Without ``causes_left`` only
+    further orders of one cause may be named.
     """
     while True:
         best = next(iter(_without_contradicted(candidates)), None)
@@ -474,11 +465,7 @@ def _find_shortcut(seen: Sequence[Data], steps: Sequence[Stage]) -> tuple[int, S
 
     Far from the truth the score test does not see every effect, and one that explains a part shows it the way.  Where that one is
     superfluous in the end, the stage is judged again as if both had been tried: the one with more evidence comes first.
-
-    Parameters
-    ----------
-    seen : sequence of Data
-        Records as each step began with them.
+    ``seen``: records as each step began with them.
     """
     last = steps[-1]
     for number, step in enumerate(steps[:-1]):
@@ -530,13 +517,7 @@ def structures(data: Data, fitted: Fitted) -> dict[str, float]:
 
 
 def _verdict_of(base: Fitted, steps: Sequence[Stage], twins: tuple[str, ...], left: float) -> Verdict:
-    """The verdict about the state after adding the best effects on trial.
-
-    Parameters
-    ----------
-    left : float
-        Structure of the rest.
-    """
+    """The verdict about the state after adding the best effects on trial; ``left`` is the structure of the rest."""
     after = steps[-1].after if steps else base
     level = after.objective / after.problem.samples
     added = {step.added for step in steps if step.added}

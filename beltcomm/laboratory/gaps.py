@@ -75,13 +75,6 @@ def _gap_is_supported(data: Data, grown: Fitted, gap: Effect) -> bool:
     On friction that jumped, a gap that explained 56 000 nats led by 1000 of them, where both models left 3.4 times the noise.
     Asked of the closed model before its fit, behind it, and as far as its carriage strays then: what comes later is likelier, or nearly so.
     A model that the gap does not lead from ends the question, and so does one behind whose fit it leads by a multiple.
-
-    Parameters
-    ----------
-    data : Data
-        As the model with the gap sees it.
-    grown : Fitted
-        That model, fitted.
     """
     names = gap.full_names()
     shut = grown.model.with_values({names[0]: 0.0}, "closed")
@@ -96,13 +89,7 @@ def _gap_is_supported(data: Data, grown: Fitted, gap: Effect) -> bool:
 
 
 def _exceeds_threshold(grown: Fitted, closed: Fitted, times: float = 1.0) -> bool:
-    """True if a gap explains enough beside a model of the same records without one.
-
-    Parameters
-    ----------
-    times : float
-        So many times over.
-    """
+    """True if a gap explains enough, so many times over, beside a model of the same records without one."""
     lead = _lead_of(grown, closed) / times
     return enough(lead, explained_share(lead, closed), lead, 0.0, closed)
 
@@ -177,13 +164,7 @@ def gap_with_delay(data: Data, current: Fitted, held: Fitted) -> Candidate | Non
 
 
 def _both_fitted(data: Data, model: Model, gap: Effect, delay: Effect, goal: float) -> Fitted:
-    """A model fitted with a gap and a delay, from the width and time that suit it best as they are.
-
-    Parameters
-    ----------
-    goal : float
-        See ``fitting.fit``.
-    """
+    """A model fitted with a gap and a delay, from the width and time that suit it best as they are; ``goal`` as of ``fitting.fit``."""
     sizes = itertools.product(GAPS_M, DELAYS_S)
     ways = [
         model.with_effect(gap.name, {gap.parameters[0].name: width}).with_effect(delay.name, {delay.parameters[0].name: time})
@@ -228,17 +209,7 @@ def converged_gap(data: Data, fitted: Fitted) -> tuple[Data, Fitted]:
 def _along_gap_valley(data: Data, fitted: Fitted, iterations: int) -> Fitted:
     """The fit of a model with a gap, from farther along the valley of gap and stiffness where that is likelier.
 
-    Parameters
-    ----------
-    fitted : Fitted
-        Of a model whose carriage is followed by an observer; any other comes back as it is.
-    iterations : int
-        Of the fit from each better place.
-
-    Returns
-    -------
-    Fitted
-        The likeliest; ``fitted`` itself where it is at the noise, or nothing is better.
+    One without an observer, and one that is at the noise already, comes back as it is.
     """
     gaps = [effect.full_names()[0] for effect in fitted.model.effect_list() if effect.rattles]  # the gap comes first
     if len(gaps) != 1 or STIFFNESS not in fitted.model.parameters:

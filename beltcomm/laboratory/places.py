@@ -167,13 +167,7 @@ def _worst_span(ratio: Array, count: Array) -> tuple[int, int] | None:
 
 
 def _place_of(dimension: str, low: float, high: float, unit: str, inside: BoolArray, outside: BoolArray, samples: Samples) -> ErrorRegion:
-    """The samples of a range as a place.
-
-    Parameters
-    ----------
-    outside : ndarray of bool
-        What it is compared with.
-    """
+    """The samples of a range as a place, compared with those outside."""
     squares = samples.white**2
     here = float(np.mean(squares[inside]))
     rest = squares[outside]

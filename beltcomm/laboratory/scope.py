@@ -114,7 +114,7 @@ def reservation(comparison: Comparison, fitted: Fitted, recordings: Sequence[Rec
     if (doubt := noise_doubt(comparison.ratio, recordings)) or not comparison.missing:
         return doubt
     rounding = _rounding_words(fitted) if comparison.missing == "structure" else ""
-    return sampling_doubt(comparison.ratio, fitted.model, recordings) or rounding
+    return _sampling_doubt(comparison.ratio, fitted.model, recordings) or rounding
 
 
 def _contact_that_opens(found: Diagnosis) -> str:
@@ -205,22 +205,8 @@ def _swing_and_rate(model: Model, recordings: Sequence[Recording]) -> tuple[floa
     return (shape.belt.resonance_hz if shape is not None else 0.0), rate_hz
 
 
-def sampling_doubt(ratio: float, model: Model, recordings: Sequence[Recording]) -> str:
-    """Reason in words why the ratio to the noise may be no more than what so seldom a sampling leaves; "" for none.
-
-    Parameters
-    ----------
-    ratio : float
-        Error over the noise.
-    model : Model
-        That it is of.
-    recordings : sequence of Recording
-
-    Returns
-    -------
-    str
-        A sentence, or "".
-    """
+def _sampling_doubt(ratio: float, model: Model, recordings: Sequence[Recording]) -> str:
+    """Reason in words why the ratio to the noise may be no more than what so seldom a sampling leaves; "" for none."""
     resonance_hz, rate_hz = _swing_and_rate(model, recordings)
     far_off = ratio >= TOO_FAR_OFF and resonance_hz < UNSEEN * rate_hz
     return "" if far_off else _undersampling_remark(model, recordings)

@@ -50,12 +50,8 @@ def _powers_of(number: int) -> Array:
 
 
 def _load_means(piece: Segment, powers: Array, orders: int) -> Iterator[tuple[Array, Array]]:
-    """Triangular means of sin(N θ) and cos(N θ) for the next so many orders N; (n,) each, ends 0.
-
-    Parameters
-    ----------
-    powers : ndarray (2, fine)
-        Of the last one.
+    """Triangular means of sin(N θ) and cos(N θ) for the next so many orders N, (n,) each, ends 0; ``powers``, (2, fine), are those of the
+    last one.
     """
     theta, m = piece.motion.theta, piece.motion.substeps
     sine, cosine = np.sin(theta), np.cos(theta)
@@ -66,12 +62,7 @@ def _load_means(piece: Segment, powers: Array, orders: int) -> Iterator[tuple[Ar
 
 
 def _gain_means(piece: Segment, powers: Array, orders: int) -> Iterator[tuple[Array, Array]]:
-    """Triangular means of torque sin(N θ) and torque cos(N θ), the torque held from sample n to n+1.
-
-    Parameters
-    ----------
-    powers : ndarray (2, fine - 1)
-    """
+    """Triangular means of torque sin(N θ) and torque cos(N θ), the torque held from sample n to n+1."""
     theta, m = piece.motion.theta, piece.motion.substeps
     middle = 0.5 * (theta[:-1] + theta[1:])
     sine, cosine = np.sin(middle), np.cos(middle)
@@ -205,32 +196,15 @@ class Scorer:
         self.parts: list[Parts] = [rough.balance(i, fitted.x, float(o)) for i, o in enumerate(self.offsets)]
 
     def score(self, effect: Effect, ground: AxisSummary) -> list[Scored]:
-        """The best trials of an effect that the model can take, best first.
-
-        Parameters
-        ----------
-        effect : Effect
-        ground : AxisSummary
-            Of the axis: how large a usual trial is.
-        """
+        """The best trials of an effect that the model can take, best first."""
         if effect.needs_observer:
             return sorted((self._score_observed(effect, trial) for trial in self.trials_of(effect, ground)), key=lambda s: -s.drop)
         scored = [self.score_columns(effect, trial, columns) for _, trial, columns in self.screen(effect, ground)]
         return sorted((s for s in scored if s.drop > 0.0), key=lambda s: -s.drop)
 
     def screen(self, effect: Effect, ground: AxisSummary) -> list[tuple[float, Trial, Array]]:
-        """The trials to look at again.
-
-        Parameters
-        ----------
-        effect : Effect
-        ground : AxisSummary
-            Of the axis: how large a usual trial is.
-
-        Returns
-        -------
-        list of tuple[float, Trial, ndarray]
-            Rough drop, trial and its columns, best first; what all of them show is kept for :meth:`powers_of`.
+        """Rough drop, trial and its columns of the trials to look at again, best first; what all of them show is kept for
+        :meth:`powers_of`.
         """
         best: list[tuple[float, Trial, Array]] = []
         seen = self._powers[effect.name] = []
@@ -245,46 +219,20 @@ class Scorer:
         return best
 
     def powers_of(self, effect: Effect, ground: AxisSummary) -> Sequence[tuple[float, Trial]]:
-        """By how much O would fall if the effect were there as a trial says, and the trial; worked out once.
-
-        Parameters
-        ----------
-        effect : Effect
-        ground : AxisSummary
-            Of the axis: how large a usual trial is.
-        """
+        """By how much O would fall if the effect were there as a trial says, and the trial; worked out once."""
         if effect.name not in self._powers:
             self.screen(effect, ground)
         return self._powers[effect.name]
 
     def trials(self, effect: Effect, ground: AxisSummary) -> Iterator[tuple[list[Trial], Array]]:
-        """All trials of an effect and their columns, some at a time.
-
-        Parameters
-        ----------
-        effect : Effect
-        ground : AxisSummary
-            Of the axis: how large a usual trial is.
-
-        Returns
-        -------
-        iterator of tuple[list of Trial, ndarray]
-            Columns (n, k): those of one trial beside those of the next.
-        """
+        """All trials of an effect and their columns, (n, k), some at a time: those of one trial beside those of the next."""
         trials = [trial for trial in self.trials_of(effect, ground) if not trial.swallowed]
         if effect.harmonic == "angle":
             return self.lines(effect, trials)
         return self._harmonics(effect, trials) if effect.harmonic and len(trials) > 3 else self._batches(effect, trials)
 
     def trials_of(self, effect: Effect, ground: AxisSummary) -> list[Trial]:
-        """Every way to switch an effect on, inside the bounds; of torque that repeats with the angle none finer than its counts show.
-
-        Parameters
-        ----------
-        effect : Effect
-        ground : AxisSummary
-            Of the axis: how large a usual trial is.
-        """
+        """Every way to switch an effect on, inside the bounds; of torque that repeats with the angle none finer than its counts show."""
         trials = effect.trials(ground) if effect.trials is not None else []
         if effect.harmonic in ("load", "gain"):
             trials = [trial for trial in trials if trial.values[effect.parameters[0].name] < self._highest_order]
@@ -340,11 +288,6 @@ class Scorer:
     def lines(self, effect: Effect, trials: Sequence[Trial]) -> Iterator[tuple[list[Trial], Array]]:
         """Scores of trials for the lines of an encoder, by the torque at the motor, N m, that they ask of its inertia.
 
-        Parameters
-        ----------
-        effect : Effect
-        trials : sequence of Trial
-
         Returns
         -------
         iterator of tuple[list of Trial, ndarray]
@@ -360,14 +303,7 @@ class Scorer:
             yield [trial], np.concatenate(parts) * sizes
 
     def score_columns(self, effect: Effect, trial: Trial, columns: Array) -> Scored:
-        """One trial by its columns; by what the whole axis does to an error of the angle, where the columns only said which to look at.
-
-        Parameters
-        ----------
-        effect : Effect
-        trial : Trial
-        columns : ndarray, (n, k)
-        """
+        """One trial by its columns; by what the whole axis does to an error of the angle, where the columns only said which to look at."""
         if effect.harmonic == "angle":
             columns = self.columns(effect, [self.model_with(effect, values, trial) for values in amplitude_columns(trial)])
         if trial.base:
@@ -389,15 +325,7 @@ class Scorer:
         return Scored(effect, trial, drop, dict(trial.values), near.step)
 
     def score_at(self, effect: Effect, trial: Trial, own: Mapping[str, float]) -> Scored:
-        """A trial with these own values as they are; amplitudes as the score test wants them.
-
-        Parameters
-        ----------
-        effect : Effect
-        trial : Trial
-        own : mapping of str to float
-            Parameters of the effect by their own names; of the amplitudes nothing counts.
-        """
+        """A trial with these own values as they are; amplitudes as the score test wants them."""
         if trial.amplitudes:
             unit = replace(trial, values={**own, **{name: trial.values[name] for name in trial.amplitudes}})
             near = self.nearby.best(columns=self.columns(effect, [self.model_with(effect, v, unit) for v in amplitude_columns(unit)]))
@@ -411,16 +339,7 @@ class Scorer:
         return Scored(effect, replace(trial, values=own), self.nearby.objective - near.objective, own, step)
 
     def model_with(self, effect: Effect, own: Mapping[str, float], trial: Trial) -> Model:
-        """The model with the effect, and with what the trial changes of the base.
-
-        Parameters
-        ----------
-        effect : Effect
-        own : mapping of str to float
-            Parameters of the effect by their own names.
-        trial : Trial
-            For what it changes of the base.
-        """
+        """The model with the effect, and with what the trial changes of the base."""
         bounds = self.model.parameters  # on data that do not fit their axis file a trial may lead beyond what can be
         base = {name: min(max(value, bounds[name].low), bounds[name].high) for name, value in trial.base.items()} if trial.base else {}
         model = self.model.with_values(base, "trial") if base else self.model
@@ -439,18 +358,9 @@ class Scorer:
         return values
 
     def columns(self, effect: Effect, extended: Sequence[Model]) -> Array:
-        """Changes of the whitened residual of all pieces when the effect is switched on.
+        """Changes of the whitened residual of all pieces, (n, models), when the effect is switched on.
 
-        Parameters
-        ----------
-        effect : Effect
-        extended : sequence of Model
-            Models that have the effect, and that may have another belt.
-
-        Returns
-        -------
-        ndarray
-            (n, models).
+        The ``extended`` models have the effect, and may have another belt.
         """
         vectors = [model.vector() for model in extended]
         if self.rough[0].observer is not None and not (acts_on_motor(effect) and effect.slot != "friction_onset"):
@@ -459,21 +369,7 @@ class Scorer:
         return np.concatenate(parts)
 
     def torques(self, effect: Effect, extended: Sequence[Model], vectors: Sequence[Array], i: int) -> Array:
-        """Changes of the residual of piece i.
-
-        Parameters
-        ----------
-        effect : Effect
-        extended, vectors
-            Models that have the effect, and their values.
-        i : int
-            Number of the piece.
-
-        Returns
-        -------
-        ndarray
-            N m, (n, models).
-        """
+        """Changes of the residual of piece i, N m, (n, models), by the values of models that have the effect."""
         motion = true_motion(self.model, self.rough[i].motion, self.vector)
         if acts_on_motor(effect) or effect.slot in BEFORE_THE_LOAD:
             return np.stack([self.change(effect, m, v, i, motion) for m, v in zip(extended, vectors, strict=True)], axis=1)
@@ -499,24 +395,7 @@ class Scorer:
         return np.concatenate(observed_residuals(self.rough, self.model, [self.vector] * len(self.rough)))
 
     def change(self, effect: Effect, extended: Model, vector: Array, i: int, motion: FineMotion) -> Array:
-        """Change of a piece's residual by an effect of the motor, its torque or its angle.
-
-        Parameters
-        ----------
-        effect : Effect
-        extended : Model
-            With the effect.
-        vector : ndarray
-            Its values.
-        i : int
-            Number of the piece.
-        motion : FineMotion
-
-        Returns
-        -------
-        ndarray
-            N m, (n,).
-        """
+        """Change of a piece's residual, N m, (n,), by an effect of the motor, its torque or its angle."""
         piece, old, offset = self.rough[i], self.parts[i], float(self.offsets[i])
         if effect.slot == "sensor":
             return Problem([piece], extended, (), 1.0).balance(0, np.zeros(1), offset).residual - old.residual

@@ -401,10 +401,7 @@ def candidate(data: Data, base: Fitted, effect: Effect, promised: float, best: F
 def _refit_with(data: Data, base: Fitted, way: Scored, goal: float = math.inf) -> Fitted:
     """The model with the effect, begun where the score test says, or with no more of the base moved than the trial moves; the better.
 
-    Parameters
-    ----------
-    goal : float
-        O above which it does not matter where an observer makes the fit dear.
+    Above ``goal`` O does not matter where an observer makes the fit dear.
     """
     here = base.problem
     moved = np.clip(base.x + way.step, here.low, here.high)

@@ -53,17 +53,7 @@ class Swing:
 
 
 def _band_of(model: Model, window_m: tuple[float, float], period_s: float) -> tuple[float, float]:
-    """Around the first resonance at both ends of a window and above, Hz, as far as rows with this period can show it.
-
-    Parameters
-    ----------
-    model : Model
-        With any bodies.
-    window_m : tuple of float, m
-        Ends.
-    period_s : float, s
-        Of the rows.
-    """
+    """Around the first resonance at both ends of a window and above, Hz, as far as rows with this period can show it."""
     lowest = math.inf
     for place in window_m:
         shape = shape_of(model, place)
@@ -82,20 +72,8 @@ def _amplitude_nm(torque_nm: Array, period_s: float, band_hz: tuple[float, float
 
 
 def _predicted_torque(model: Model, cascade: Cascade, motion: Motion, drive: Loop, ratio: float, origin_rad: float) -> Array:
-    """Torque setpoint of the drive's loop along a motion, N m, one entry per row of it.
-
-    Parameters
-    ----------
-    model : Model
-    cascade : Cascade
-    motion : Motion
-        That is asked for.
-    drive : Loop
-        What the drive adds.
-    ratio : float, m/rad
-        i_t.
-    origin_rad : float, rad, motor shaft
-        Angle at which the carriage stands at 0.
+    """Torque setpoint of the drive's loop along a motion that is asked for, N m, one entry per row; the carriage stands at 0 at the angle
+    ``origin_rad``.
     """
     if motion.kind == "velocity":  # the same cascade without its position loop
         cascade = replace(cascade, kpp_1_s=0.0, feedforward=replace(cascade.feedforward, velocity=1.0))
@@ -109,19 +87,7 @@ def _predicted_torque(model: Model, cascade: Cascade, motion: Motion, drive: Loo
 
 
 def _allowed(torque_nm: Array, period_s: float, band_hz: tuple[float, float], rated_nm: float) -> Swing:
-    """Part of a predicted torque that lies in a band, and what is allowed there.
-
-    Parameters
-    ----------
-    torque_nm : ndarray (n,), N m, motor shaft
-        Predicted.
-    period_s : float, s
-        Of the rows.
-    band_hz : tuple of float, Hz
-        Ends of the band.
-    rated_nm : float
-        Of the drive.
-    """
+    """Part of a predicted torque that lies in a band, and what is allowed there."""
     within = float(np.max(_amplitude_nm(torque_nm, period_s, band_hz)))
     share = 2.0 * period_s * (band_hz[1] - band_hz[0])
     noise = NOISE_PEAK * math.sqrt(2.0 * share) * NOISE_OF_RATED * rated_nm
@@ -214,13 +180,7 @@ def _rigid_torque(model: Model, motion: Motion, holding_nm: float) -> Array:
 
 
 def _planned_torque_nm(machine: Watched, model: Model, torque_nm: Array) -> float:
-    """Largest torque that a motion or a stop out of it takes, N m.
-
-    Parameters
-    ----------
-    torque_nm : ndarray (n,)
-        Predicted along the motion.
-    """
+    """Largest torque that a motion, with its predicted torque, or a stop out of it takes, N m."""
     stop_nm = total_inertia(model) * machine.deceleration_m_s2 / machine.ratio + total_friction(model)
     return max(float(np.max(np.abs(torque_nm))), stop_nm) + abs(machine.holding_nm)
 

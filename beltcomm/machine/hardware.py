@@ -88,12 +88,7 @@ class Hardware:
         return self.serial or self.identity.get("device_name") or numbers
 
     def named_by(self, word: str) -> bool:
-        """True if a word names this drive; ``vendor:product:serial`` does too.
-
-        Parameters
-        ----------
-        word : str
-        """
+        """True if a word names this drive; ``vendor:product:serial`` does too."""
         long = ":".join(self.identity.get(key, "") for key in TELLING[:3])
         return word.strip() in (self.confirmation, long)
 

@@ -33,13 +33,7 @@ class Thermal:
 
     @classmethod
     def of(cls, axis: Axis, capabilities: Capabilities) -> Thermal:
-        """The weaker of motor and drive.
-
-        Parameters
-        ----------
-        axis : Axis
-        capabilities : Capabilities
-        """
+        """The weaker of motor and drive."""
         motor = axis.motor
         rated = min(motor.rated_torque_nm or math.inf, capabilities.rated_torque_nm)
         peak = min(motor.peak_torque_nm or math.inf, capabilities.peak_torque_nm)
@@ -57,17 +51,7 @@ class Thermal:
         return ((self.peak_nm / self.rated_nm) ** 2 - 1.0) * self.overload_s
 
     def share(self, torque_nm: float) -> float:
-        """Heat of a torque (rms) as a share of what is given off for ever.
-
-        Parameters
-        ----------
-        torque_nm : float, N m rms, motor shaft
-
-        Returns
-        -------
-        float
-            1 at the rated torque.
-        """
+        """Heat of a torque, N m rms, motor shaft, as a share of what is given off for ever; 1 at the rated torque."""
         return (torque_nm / self.rated_nm) ** 2
 
 
@@ -160,41 +144,17 @@ class HeatStore:
         self._row_s: float | None = None
 
     def rest_until(self, clock_s: float) -> float:
-        """The stage was off until now.
-
-        Parameters
-        ----------
-        clock_s : float
-            Now.
-
-        Returns
-        -------
-        float, s
-            Excess that is left, which is also how long it takes to go.
-        """
+        """The stage was off until now; excess that is left, which is also how long it takes to go, s."""
         self.excess_s = max(0.0, self.excess_s - max(clock_s - self._until_s, 0.0))
         self._until_s, self._row_s = clock_s, None
         return self.excess_s
 
     def add(self, t_s: float, torque_nm: float) -> None:
-        """One row of a record: the torque from its time on.
-
-        Parameters
-        ----------
-        t_s : float
-            Since the begin of the record.
-        torque_nm : float, motor shaft
-        """
+        """One row of a record: the torque from its time, since the begin of the record, on."""
         if self._row_s is not None:
             self.excess_s = max(0.0, self.excess_s + ((torque_nm / self.rated_nm) ** 2 - 1.0) * (t_s - self._row_s))
         self._row_s = t_s
 
     def moved_until(self, clock_s: float) -> None:
-        """A record has ended: its rows have counted its time.
-
-        Parameters
-        ----------
-        clock_s : float
-            Now.
-        """
+        """A record has ended: its rows have counted its time."""
         self._until_s, self._row_s = clock_s, None

@@ -161,45 +161,22 @@ class Machine:
         self._backup = self.drive.backup()
 
     def remark(self, sentence: str) -> None:
-        """Say something of a record that belongs into the result too.
-
-        Parameters
-        ----------
-        sentence : str
-        """
+        """Say something of a record that belongs into the result too."""
         self.talk.say(sentence)
         self.folder.journal(sentence)
         self.remarks.append(sentence)
 
     def detail(self, sentence: str) -> None:
-        """Tell a detail, which only some want to read while it happens.
-
-        Parameters
-        ----------
-        sentence : str
-        """
+        """Tell a detail, which only some want to read while it happens."""
         detail(self.talk, sentence)
         self.folder.journal(sentence)
 
     def found(self, name: str, value: str) -> None:
-        """A number that was found on the way.
-
-        Parameters
-        ----------
-        name : str
-        value : str
-            In words, with its unit.
-        """
+        """A number that was found on the way."""
         found(self.talk, name, value)
 
     def begin(self, title: str) -> None:
-        """Tell that a phase begins, numbered among those to come.
-
-        Parameters
-        ----------
-        title : str
-            One of ``titles``, or of a phase of its own.
-        """
+        """Tell that a phase begins, numbered among those to come."""
         number = self.titles.index(title) + 1 if title in self.titles else 1
         self.talk.phase(number, max(len(self.titles), 1), title)
         self.folder.journal(f"phase {number} of {max(len(self.titles), 1)}: {title}", "phase")
@@ -220,12 +197,7 @@ class Machine:
         return OFFSET in self._backup
 
     def hold_with(self, torque_nm: float) -> None:
-        """From now on open-loop records, and the drive's own loops where it can, begin and end with this torque.
-
-        Parameters
-        ----------
-        torque_nm : float, motor shaft
-        """
+        """From now on open-loop records, and the drive's own loops where it can, begin and end with this torque."""
         self.holding_nm = torque_nm
         if self.holds_in_loops:
             self.drive.write({OFFSET: torque_nm})
@@ -251,17 +223,7 @@ class Machine:
             self.talk.say(line)
 
     def reference_at(self, position_m: float) -> None:
-        """The carriage stands at ``position_m`` now, as the operator says.
-
-        Parameters
-        ----------
-        position_m : float, carriage
-
-        Raises
-        ------
-        UsageError
-            Outside the travel.
-        """
+        """The carriage stands at ``position_m`` now, as the operator says; raises UsageError outside the travel."""
         low, high = self.envelope().window_m
         if not low <= position_m <= high:
             raise UsageError(f"position {position_m:.4g} m is outside the travel {low:g}..{high:g} m of axis.yaml")
@@ -305,21 +267,11 @@ class Machine:
         return f"{further} or correct travel in axis.yaml" if self.room_word == "travel" else f"give a wider --window or {further}"
 
     def where(self, position_m: float) -> str:
-        """A position in words.
-
-        Parameters
-        ----------
-        position_m : float, carriage
-        """
+        """A position in words."""
         return f"{position_m:.4f} m" if self.place_known else f"{1e3 * position_m:+.1f} mm from where it stood"
 
     def place_m(self, position_m: float) -> float | None:
-        """A position on the axis, None when the zero of the axis is not known.
-
-        Parameters
-        ----------
-        position_m : float, carriage, from the zero of the session
-        """
+        """A position from the zero of the session on the axis, None when the zero of the axis is not known."""
         return position_m if self.place_known else None
 
     def envelope(self) -> Envelope:
@@ -334,12 +286,7 @@ class Machine:
         return Envelope((low, high), speed, torque)
 
     def drive_limits(self, envelope: Envelope) -> Limits:
-        """Limits of the envelope at the motor shaft, in the drive's zero.
-
-        Parameters
-        ----------
-        envelope : Envelope, carriage
-        """
+        """Limits of the envelope at the motor shaft, in the drive's zero."""
         low, high = sorted(self.origin_rad + x / self.ratio for x in envelope.window_m)
         speed = min(envelope.speed_m_s / self.ratio, self.drive.capabilities.max_speed_rad_s)
         lag = None if envelope.lag_m is None else envelope.lag_m / self.ratio
@@ -354,12 +301,7 @@ class Machine:
         return (UNKNOWN_BRAKE_S if motor.brake_time_s is None else motor.brake_time_s) if motor.brake_torque_nm else 0.0
 
     def brake_with(self, braking: Braking) -> None:
-        """From now on a stop is counted with, and set in the drive to, what a loop can do.
-
-        Parameters
-        ----------
-        braking : Braking, carriage
-        """
+        """From now on a stop is counted with, and set in the drive to, what a loop can do."""
         self.braking, self.deceleration_m_s2 = braking, braking.deceleration_m_s2
         own_m_s2 = self._own_deceleration_m_s2()
         if own_m_s2 is None or abs(own_m_s2 / braking.deceleration_m_s2 - 1.0) < SAME_STOP:
@@ -381,13 +323,7 @@ class Machine:
         return None if found is None else self.ratio * found
 
     def torque_motion(self, torque_nm: Array) -> Motion:
-        """An open-loop record at the drive's sampling period, with what holds the axis added.
-
-        Parameters
-        ----------
-        torque_nm : ndarray, (n,), motor shaft
-            One entry per sampling period.
-        """
+        """An open-loop record, one torque per sampling period of the drive, with what holds the axis added."""
         zero, step = np.zeros(len(torque_nm)), self.drive.capabilities.torque_step_nm
         holding = round(self.holding_nm / step) * step if step else self.holding_nm
         return Motion("torque", self.drive.capabilities.sample_period_s, zero, zero, np.asarray(torque_nm) + holding, holding)
@@ -558,12 +494,7 @@ class Machine:
     def run(self, motion: Motion, envelope: Envelope, watch: RowWatch = unwatched) -> None:
         """Run a motion that is only a means (positioning, creeping), watched row by row; nothing is kept.
 
-        Parameters
-        ----------
-        motion : Motion, motor shaft
-        envelope : Envelope, carriage
-        watch : RowWatch
-            Called with every row; what it raises stops the axis.
+        What ``watch`` raises stops the axis.
         """
         self._check_stops(motion)
         self.let_settle()

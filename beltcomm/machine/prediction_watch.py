@@ -209,12 +209,7 @@ def other_units(share: float, units: DriveUnits) -> str:
 def _suspects(stated_kg_m2: float, measured: tuple[float, float] | None, units: DriveUnits | None = None, *, rigid: bool = False) -> str:
     """In words, which entries of axis.yaml to look at, with the measured inertia where there is one.
 
-    Parameters
-    ----------
-    units : DriveUnits or None
-        Of the drive.
-    rigid : bool
-        The load moves with the motor, and what is measured is the inertia of both.
+    ``rigid``: the load moves with the motor, and what is measured is the inertia of both.
     """
     others = "the feed constant (pulley.effective_radius_m, gearbox.ratio), the payload, whether the encoder jumped or something moves it"
     if measured is None:

@@ -86,16 +86,7 @@ def _contradiction(axis: Axis, model: Model) -> str:
 def _not_told_apart(axis: Axis, model: Model, first: Model, response: Recording, more_room: str) -> str:
     """In words, that a fit takes the carriage for a part of the motor, whose inertia an excitation before it has shown rightly.
 
-    Parameters
-    ----------
-    model : Model
-        The fit.
-    first : Model
-        The estimate before it.
-    response : Recording
-        What was fitted.
-    more_room : str
-        What gives more of it.
+    ``model`` is the fit to ``response``, ``first`` the estimate before it, ``more_room`` what gives more of it.
     """
     ratio = axis.transmission_m_rad
     together = axis.motor_side_inertia_kg_m2 + first["cart.mass"] * ratio**2
@@ -152,11 +143,7 @@ def check_first(machine: Machine, model: Model, recording: Recording) -> Model:
 def _check_rigid(machine: Machine, recording: Recording) -> None:
     """Check the scaling where motor and load are one inertia, of which the data sheets know a part: the motor, and the loads counted with.
 
-    A load that gives way after all leaves the motor to the steps of the torque; friction makes them show more.
-
-    Raises
-    ------
-    Refused
+    A load that gives way after all leaves the motor to the steps of the torque; friction makes them show more.   Raises Refused.
     """
     axis, shown = machine.axis, _jumping_inertia(recording)
     alone = axis.motor_side_inertia_kg_m2
@@ -181,17 +168,9 @@ def _check_rigid(machine: Machine, recording: Recording) -> None:
 
 
 def _check_scale(machine: Machine, model: Model, factor: float) -> None:
-    """Compare the inertia that torque and acceleration show with the data sheets, before anything faster.
+    """Compare the inertia that torque and acceleration show with the data sheets, before anything faster; they may differ by ``factor``.
 
-    Parameters
-    ----------
-    factor : float
-        By which they may differ.
-
-    Raises
-    ------
-    Refused
-        With both values and what to look at.
+    Raises Refused with both values and what to look at.
     """
     share = _inertia_share(machine.axis, model)
     machine.folder.journal(
@@ -261,10 +240,7 @@ def check_fitted(machine: Machine, model: Model, first: Model, response: Recordi
 def _feed_constant_in_doubt(axis: Axis, model: Model, position_m: float | None) -> str:
     """In words, that the belt is so much softer or stiffer than its data sheet that the feed constant may be wrong; "" when it is not.
 
-    Parameters
-    ----------
-    position_m : float or None, of the carriage
-        None where nobody knows it, and then nothing is said.
+    Nothing is said where nobody knows the carriage's position.
     """
     if position_m is None or STIFFNESS not in model.parameters:
         return ""

@@ -117,11 +117,6 @@ class Writable:
     def check_named(self, names: Iterable[str], capabilities: Capabilities) -> None:
         """Check the objects behind named parameters, whatever a profile calls so.
 
-        Parameters
-        ----------
-        names : iterable of str
-        capabilities : Capabilities
-
         Raises
         ------
         ObjectLocked

@@ -374,7 +374,6 @@ def effect_parameters(effect: Effect) -> dict[str, Parameter]:
     Parameters
     ----------
     effect : Effect
-        The effect.
 
     Returns
     -------
@@ -462,22 +461,7 @@ def _motor_parameters(effects: Iterable[str], base_bodies: Iterable[str]) -> dic
 
 
 def _default_values(parameters: Mapping[str, Parameter], values: Mapping[str, float], origin: str) -> dict[str, Value]:
-    """Values at their start, or as given by full name or by bare parameter name; a form is held there.
-
-    Parameters
-    ----------
-    parameters : mapping of str to Parameter
-        By full name.
-    values : mapping of str to float
-        In the units of ``parameters``.
-    origin : str
-        Noted with every value.
-
-    Returns
-    -------
-    dict of str to Value
-        Without intervals; the bounds are those of the parameter.
-    """
+    """Values at their start, or as given by full name or by bare parameter name, without intervals; a form is held there."""
     found = {}
     for name, p in parameters.items():
         value = float(values.get(name, values.get(p.name, p.start)))

@@ -32,37 +32,19 @@ class Covariance:
     freedom: float
 
     def without(self, names: Collection[str]) -> Covariance:
-        """Covariance of the parameters that are left.
-
-        Parameters
-        ----------
-        names : collection of str
-            Full names that are left out.
-        """
+        """Covariance of the parameters that are left."""
         at = [i for i, name in enumerate(self.names) if name not in names]
         return Covariance(tuple(self.names[i] for i in at), self.matrix[np.ix_(at, at)], self.freedom)
 
     def of(self, names: Sequence[str]) -> Array:
-        """Covariance matrix in another order, (n, n); 0 for a parameter that is not among them.
-
-        Parameters
-        ----------
-        names : sequence of str
-            Full names.
-        """
+        """Covariance matrix in another order, (n, n); 0 for a parameter that is not among them."""
         whole, at = np.zeros((len(names), len(names))), [i for i, name in enumerate(names) if name in self.names]
         own = [self.names.index(names[i]) for i in at]
         whole[np.ix_(at, at)] = self.matrix[np.ix_(own, own)]
         return whole
 
     def correlation(self, names: Sequence[str]) -> Array:
-        """Correlation matrix in another order, (n, n); 0 for a parameter that is not among them.
-
-        Parameters
-        ----------
-        names : sequence of str
-            Full names.
-        """
+        """Correlation matrix in another order, (n, n); 0 for a parameter that is not among them."""
         matrix = self.of(names)
         deviation = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
         return np.asarray(matrix / np.outer(deviation, deviation))

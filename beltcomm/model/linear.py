@@ -79,18 +79,7 @@ class Matrices:
     outputs: Array
 
     def hold(self, names: Sequence[str]) -> Matrices:
-        """Axis with those bodies held; held at the motor, it oscillates at the motor's antiresonances.
-
-        Parameters
-        ----------
-        names : sequence of str
-            Bodies that cannot move.
-
-        Returns
-        -------
-        Matrices
-            Of the others.
-        """
+        """Axis with those bodies held; held at the motor, it oscillates at the motor's antiresonances."""
         free = [i for i, body in enumerate(self.bodies) if body not in names]
         square = np.ix_(free, free)
         bodies = tuple(self.bodies[i] for i in free)
@@ -262,25 +251,10 @@ def matrices(model: Model, point: Point, standstill: Standstill = "refuse", clos
 
 
 def _equivalent_damping(level: Callable[..., float], amplitude: float, omega_rad_s: float, *arguments: float) -> float:
-    """Damping that dissipates as much as friction of that level in a sinusoidal motion (describing function).
+    """Damping, N m s/rad or N s/m, that dissipates as much as friction of that level in a sinusoidal motion (describing function).
 
-    d = 4/(π A ω) ∫_0^1 level(A ω √(1 - s²)) ds,   for Coulomb friction F:  d = 4 F/(π A ω)
-
-    Parameters
-    ----------
-    level : callable
-        (speed, *arguments) -> N m or N.
-    amplitude : float
-        rad or m, of the body.
-
-    Returns
-    -------
-    float
-        N m s/rad or N s/m.
-
-    References
-    ----------
-    Gelb, Vander Velde, Multiple-Input Describing Functions, 1968, chapter 2; s is the sine of the phase.
+    d = 4/(π A ω) ∫_0^1 level(A ω √(1 - s²)) ds,   for Coulomb friction F:  d = 4 F/(π A ω),   A the amplitude of the body, rad or m
+    (Gelb, Vander Velde, Multiple-Input Describing Functions, 1968, chapter 2; s is the sine of the phase).
     """
     peak = amplitude * omega_rad_s
     speeds = peak * np.sqrt(1.0 - (0.5 * (_NODES + 1.0)) ** 2)

@@ -32,13 +32,7 @@ class Equilibrium:
 
 
 def _smooth_forces(model: Model, positions: ArrayLike, speeds: ArrayLike, time_s: float = 0.0) -> Array:
-    """Smooth forces on all bodies from the laws themselves, (n,), N m or N.
-
-    Parameters
-    ----------
-    positions, speeds : ArrayLike, (n,)
-        rad or m; per s.
-    """
+    """Smooth forces on all bodies from the laws themselves, (n,), N m or N."""
     q, v = np.asarray(positions, dtype=float), np.asarray(speeds, dtype=float)
     names = tuple(body.name for _, body in model.bodies())
     i = carriage_of(names)

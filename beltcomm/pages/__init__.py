@@ -77,7 +77,6 @@ def at_the_end(run: Path) -> Ended:
     Parameters
     ----------
     run : Path
-        Of the run folder.
 
     Returns
     -------

@@ -77,7 +77,6 @@ def gathered(run: Path, talk: Talk, against: Path | None = None, *, compared: bo
     Parameters
     ----------
     run : Path
-        Of the run folder.
     talk : Talk
     against : Path or None
         Another run that the command names.

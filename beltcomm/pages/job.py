@@ -53,7 +53,6 @@ def report(run: Path, *, against: Path | None = None, out: Path | None = None, t
     Parameters
     ----------
     run : Path
-        Of the run folder.
     against : Path or None
         An earlier run of the same axis; the page begins with what changed since.
     out : Path or None
@@ -96,7 +95,7 @@ def report(run: Path, *, against: Path | None = None, out: Path | None = None, t
     return Result({**data, "page": None if problems else str(where)}, text, UsageError.exit_code if problems else 0)
 
 
-def _page_of(found: Gathered, before: Gathered | None = None) -> Page:
+def _page_of(found: Gathered, before: Gathered | None) -> Page:
     """The whole page."""
     changed = changes.compared(before, found) if before is not None else []
     first_part = [changes.section(before, found, changed)] if before is not None else []
@@ -126,7 +125,7 @@ def _page_of(found: Gathered, before: Gathered | None = None) -> Page:
     )
 
 
-def _numbers_of(found: Gathered, page: Page, before: Gathered | None = None) -> dict[str, Any]:
+def _numbers_of(found: Gathered, page: Page, before: Gathered | None) -> dict[str, Any]:
     """Numbers of the page, for programs."""
     comparison = found.comparison
     doubts = found.laboratory.sheets if found.laboratory is not None else ()
@@ -210,12 +209,6 @@ def _margin(run: Gathered) -> Fact:
 
 
 def _next_steps(run: Gathered, called: str = "") -> list[str]:
-    """The command that helps most.
-
-    Parameters
-    ----------
-    called : str
-        The run's folder as a terminal takes it; on a page, :attr:`Gathered.place`.
-    """
+    """The command that helps most; ``called``: the run's folder as a terminal takes it, on a page :attr:`Gathered.place`."""
     found = next_command(run.folder, headline_of(run.folder), called=called or run.place)
     return [f"{found.command}: {found.why}"]

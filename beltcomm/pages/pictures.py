@@ -1,4 +1,7 @@
-"""Pictures of a run folder: made after the numbers, written to ``RUN/pictures``; a picture that cannot be written hurts no result."""
+"""Pictures of a run folder: made after the numbers, written to ``RUN/pictures``; a picture that cannot be written hurts no result.
+
+What a command calls returns the paths in the run folder, and remarks on what could not be written.
+"""
 
 from __future__ import annotations
 
@@ -48,11 +51,6 @@ def comparison_pictures(folder: RunFolder, data: Data, fitted: Fitted, found: Co
         Of these records and this model.
     command : str
         Command line, for the caption.
-
-    Returns
-    -------
-    tuple of list of str
-        Paths in the run folder, and remarks.
     """
     return _written(folder, lambda: _comparison_figures(folder, data, fitted, found, command))
 
@@ -116,11 +114,6 @@ def change_picture(folder: RunFolder, rung: Revision, before: Comparison, after:
         Records without and with the change.
     command : str
         Command line, for the caption.
-
-    Returns
-    -------
-    tuple of list of str
-        Paths in the run folder, and remarks.
     """
 
     def draw() -> dict[str, Figure]:
@@ -144,11 +137,6 @@ def ladder_picture(folder: RunFolder, rungs: Sequence[Revision], command: str) -
         Revisions, in their order.
     command : str
         Command line, for the caption.
-
-    Returns
-    -------
-    tuple of list of str
-        Paths in the run folder, and remarks.
     """
     return _written(folder, lambda: ladder_figures(folder, rungs, command))
 
@@ -181,11 +169,6 @@ def responses_picture(folder: RunFolder, table: ResponseTable, command: str) -> 
         Responses with the conditions they were measured in.
     command : str
         Command line, for the caption.
-
-    Returns
-    -------
-    tuple of list of str
-        Paths in the run folder, and remarks.
     """
     if not table.rows:
         return [], []
@@ -227,11 +210,6 @@ def proof_picture(
         Dead time of the torque path.
     command : str
         Command line, for the caption.
-
-    Returns
-    -------
-    tuple of list of str
-        Paths in the run folder, and remarks.
     """
 
     def draw() -> dict[str, Figure]:
@@ -263,11 +241,6 @@ def friction_pictures(folder: RunFolder, found: FrictionStudy, command: str) -> 
         Sweeps, drifts and standstill.
     command : str
         Command line, for the caption.
-
-    Returns
-    -------
-    tuple of list of str
-        Paths in the run folder, and remarks.
     """
 
     def draw() -> dict[str, Figure]:
@@ -294,11 +267,6 @@ def load_picture(folder: RunFolder, found: LoadDependence, by: str, command: str
         Name of the load's axis.
     command : str
         Command line, for the caption.
-
-    Returns
-    -------
-    tuple of list of str
-        Paths in the run folder, and remarks.
     """
 
     def draw() -> dict[str, Figure]:
@@ -323,11 +291,6 @@ def ways_picture(folder: RunFolder, name: str, ways: Sequence[LoopReading], comm
         One response for each way of measuring.
     command : str
         Command line, for the caption.
-
-    Returns
-    -------
-    tuple of list of str
-        Paths in the run folder, and remarks.
     """
 
     def draw() -> dict[str, Figure]:

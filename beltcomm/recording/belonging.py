@@ -123,20 +123,10 @@ def _of_one_stroke(laws: list[_Law], torque: Array) -> Belonging | None:
 
 
 def _unexplained_by(t_s: Array, torque: Array, position: Array) -> tuple[float, float] | None:
-    """Shares of the acceleration that past torques, and torques to come, leave unexplained.
+    """Shares of the acceleration, 0 to 1, that past torques, and torques to come, leave unexplained; None for a record that is too short.
 
     A finite impulse response by least squares, where nothing feeds the motion back.  A load that swings goes on after its torque, so the
     past leaves less; beside a rigid body both leave alike.
-
-    Parameters
-    ----------
-    t_s, torque, position : ndarray, (n,)
-        s, and any units.
-
-    Returns
-    -------
-    tuple of float, or None
-        By the past and by what is to come, 0 to 1; None for a record that is too short.
     """
     period = usual_step(t_s)
     lags = min(max(round(_RINGS_S / period), _FEWEST_LAGS), _MOST_LAGS)

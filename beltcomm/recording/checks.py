@@ -185,11 +185,6 @@ def reference_unit_fault(signal: Array, reference: Array) -> str:
     ----------
     signal, reference : ndarray, (n,)
         Measured and asked for.
-
-    Returns
-    -------
-    str
-        "" when they agree or nothing can be told.
     """
     measured, asked = signal - signal.mean(), reference - reference.mean()
     return unit_words(_quotient(measured, asked, 0.98), "reference", "signal")
@@ -245,18 +240,7 @@ def backwards(t_s: Array, torque: Array, position: Array) -> bool:
 
 
 def _livelier(t_s: Array, torque: Array, position: Array) -> tuple[Array, Array, Array]:
-    """Of a long record the rows in a row that move most: enough to judge it, and it need not be in memory several times.
-
-    Parameters
-    ----------
-    t_s, torque, position : ndarray, (n,)
-        s, and any units.
-
-    Returns
-    -------
-    tuple of ndarray
-        ``MOST_JUDGED`` rows of each; all where there are no more.
-    """
+    """Of a long record the ``MOST_JUDGED`` rows in a row that move most: enough to judge it, and it need not be in memory several times."""
     if len(t_s) <= MOST_JUDGED:
         return t_s, torque, position
     begins = range(0, len(t_s) - MOST_JUDGED + 1, MOST_JUDGED)
@@ -282,24 +266,14 @@ def slow_work_share(t_s: Array, torque: Array, position: Array) -> float:
     width = max(2, round(SLOW_S / float(even[1] - even[0]))) if len(even) > 1 else 0
     if width == 0 or len(even) < 8 * width:
         return 0.0
-    slow = [running_mean(running_mean(np.interp(even, t_s, signal), width), width) for signal in (torque, position)]
+    slow = [_running_mean(_running_mean(np.interp(even, t_s, signal), width), width) for signal in (torque, position)]
     return _work_share(*slow)
 
 
 def _work_share(torque: Array, position: Array) -> float:
     """Work of the torque on the motion, over all that it does back and forth, -1 to 1, but for a constant torque's.
 
-    Friction takes it up, so it is positive in whatever drives; a spring's or a mass's is given back.
-
-    Parameters
-    ----------
-    torque, position : ndarray, (n,)
-        Any units.
-
-    Returns
-    -------
-    float
-        0 for a motion that takes no work at all.
+    Friction takes it up, so it is positive in whatever drives; a spring's or a mass's is given back.   0 for a motion that takes none.
     """
     steps = np.diff(position)
     work = 0.5 * (torque[1:] + torque[:-1] - 2.0 * torque.mean()) * steps
@@ -407,21 +381,8 @@ def _partial(signal: Array, cause: Array, others: Array) -> float:
     return math.copysign(float(rest @ pull) ** 2 / (float(rest @ rest) * float(pull @ pull)), float(rest @ pull))
 
 
-def running_mean(signal: Array, width: int) -> Array:
-    """Mean of each ``width`` values in a row.
-
-    Parameters
-    ----------
-    signal : ndarray, (n,)
-        In any unit.
-    width : int
-        1 to n.
-
-    Returns
-    -------
-    ndarray, (n - width + 1,)
-        In that unit.
-    """
+def _running_mean(signal: Array, width: int) -> Array:
+    """Mean of each ``width`` values in a row, 1 to n, (n - width + 1,)."""
     total = np.concatenate(([0.0], np.cumsum(signal)))
     return (total[width:] - total[:-width]) / width
 
@@ -441,7 +402,7 @@ def triangle_mean(signal: Array, width: int) -> Array:
     ndarray, (n - 2 width,)
         In that unit.
     """
-    return running_mean(running_mean(signal, width), width)[1:-1]
+    return _running_mean(_running_mean(signal, width), width)[1:-1]
 
 
 def _in_runs_of_one(signal: Array) -> BoolArray:
@@ -469,11 +430,6 @@ def velocity_unit_fault(t_s: Array, position: Array, velocity: Array) -> str:
     ----------
     t_s, position, velocity : ndarray, (n,)
         s, and any units.
-
-    Returns
-    -------
-    str
-        The fault, or "".
     """
     cuts = np.unique(np.linspace(0, len(t_s) - 1, 101).astype(int))
     integral = np.concatenate(([0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(t_s))))

@@ -162,18 +162,7 @@ def load_sidecar(path: Path) -> tuple[Sidecar, tuple[str, ...]]:
 
 
 def _sidecar_from_dict(data: Mapping[str, Any]) -> tuple[Sidecar, tuple[str, ...]]:
-    """Sidecar from a mapping; errors as of :func:`load_sidecar`.
-
-    Parameters
-    ----------
-    data : mapping
-        As read from YAML.
-
-    Returns
-    -------
-    tuple of Sidecar and tuple of str
-        The sidecar, and sentences on keys that look misspelt.
-    """
+    """Sidecar from a mapping, and sentences on keys that look misspelt; errors as of :func:`load_sidecar`."""
     names = [item.name for item in fields(Sidecar) if item.name != "extra"]
     read: dict[str, Any] = {}
     extra: dict[str, Any] = {}

@@ -276,11 +276,6 @@ def render(page: Page) -> str:
     ----------
     page : Page
         Its parts, in their order.
-
-    Returns
-    -------
-    str
-        With style and script inside.
     """
     from jinja2 import Environment, StrictUndefined
 
@@ -326,13 +321,7 @@ LEAST = 3
 
 
 def curves_of(figure: Figure) -> str:
-    """JSON of the panels of a figure that hold curves, before it is drawn; "" for a figure without any.
-
-    Parameters
-    ----------
-    figure : Figure
-        With all of its curves.
-    """
+    """JSON of the panels of a figure that hold curves, before it is drawn; "" for a figure without any."""
     panels = [panel for axes in figure.get_axes() if (panel := _panel(axes))["curves"]]
     return json.dumps(panels, separators=(",", ":")).replace("<", "\\u003c") if panels else ""
 

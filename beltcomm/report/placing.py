@@ -41,18 +41,7 @@ _SIDES: Mapping[str, tuple[float, Any, tuple[float, float], tuple[str, str]]] = 
 
 
 def drawn(axis: Axis) -> list[Text]:
-    """Grid, marks and numbers drawn where the axis has its ticks.   The limits must not change any more.
-
-    Parameters
-    ----------
-    axis : Axis
-        Of a figure.
-
-    Returns
-    -------
-    list of Text
-        The numbers.
-    """
+    """Numbers of an axis, with grid and marks drawn where it has its ticks.   The limits must not change any more."""
     axes = axis.axes
     across = isinstance(axis, XAxis)
     formatter = axis.get_major_formatter()
@@ -83,13 +72,7 @@ def drawn(axis: Axis) -> list[Text]:
 
 
 def without(axis: Axis) -> None:
-    """Let the ticks go, of all axes that share this one.
-
-    Parameters
-    ----------
-    axis : Axis
-        Of a figure.
-    """
+    """Let the ticks go, of all axes that share this one."""
     axis.set_major_locator(NullLocator())
     axis.set_minor_locator(NullLocator())
     axis.offsetText.set_visible(False)

@@ -252,11 +252,6 @@ def save(picture: Figure, path: Path) -> Path:
     path : Path
         Of the file; its folder is made.
 
-    Returns
-    -------
-    Path
-        The one given.
-
     Raises
     ------
     OSError

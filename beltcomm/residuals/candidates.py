@@ -47,12 +47,7 @@ class TrialSums:
     signed: bool
 
     def fall(self, chosen: BoolArray) -> float:
-        """Fall of the squares on the chosen cells with the amount that is best there.
-
-        Parameters
-        ----------
-        chosen : ndarray of bool, (cells,)
-        """
+        """Fall of the squares on the chosen cells with the amount that is best there."""
         slope, square = self.b[chosen].sum(axis=0), self.m[chosen].sum(axis=0)
         if not np.all(np.diag(square) > 0.0):
             return 0.0

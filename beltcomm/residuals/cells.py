@@ -58,33 +58,13 @@ class Cells:
     of: NDArray[np.intp]
 
     def mean(self, samples: Array) -> Array:
-        """Mean over each cell of the first samples, as many as there are.
-
-        Parameters
-        ----------
-        samples : ndarray, (n,)
-
-        Returns
-        -------
-        ndarray
-            (cells,); 0 in cells without any.
-        """
+        """Mean over each cell of the first samples, as many as there are, (cells,); 0 in cells without any."""
         number = len(self.count)
         cell = self.of[: len(samples)]
         return np.asarray(np.bincount(cell, samples, minlength=number) / np.maximum(np.bincount(cell, minlength=number), 1))
 
     def sums(self, samples: Array) -> Array:
-        """Sum over each cell of the first samples, as many as there are.
-
-        Parameters
-        ----------
-        samples : ndarray, (n,)
-
-        Returns
-        -------
-        ndarray
-            (cells,).
-        """
+        """Sum over each cell of the first samples, as many as there are, (cells,)."""
         return np.asarray(np.bincount(self.of[: len(samples)], samples, minlength=len(self.count)))
 
 

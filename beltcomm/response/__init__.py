@@ -278,7 +278,7 @@ def period_spectra(
     period_samples: int,
     first_sample: int,
     *,
-    t_s: Array | None = None,
+    t_s: Array | None,
     starts: Sequence[int] | None = None,
 ) -> tuple[Array, ComplexArray, ComplexArray, list[str]]:
     """Spectra of torque and speed of every whole period; arguments and errors as for :func:`estimate_response`.

@@ -367,33 +367,14 @@ def _api() -> Any:
 
 
 def _options_of(given: dict[str, Any]) -> Options:
-    """The options by name.
-
-    Raises
-    ------
-    UsageError
-        For one that there is not.
-    """
+    """The options by name; raises UsageError for one that there is not."""
     from beltcomm.api import Options
 
     return Options(**given)
 
 
 def _copy_run(folder: RunFolder, to: Path) -> Path:
-    """Copy a run, whole or not at all.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        The run.
-    to : Path
-        New folder.
-
-    Raises
-    ------
-    UsageError
-        Where the new folder exists or cannot be, or a session is at work in the run.
-    """
+    """Copy a run, whole or not at all; raises UsageError where the new folder exists or cannot be, or a session is at work in the run."""
     run = folder.path
     if to.exists() or to.is_symlink():
         raise UsageError(f"{to} exists; give another name for the copy of {run}")

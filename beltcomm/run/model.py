@@ -171,13 +171,7 @@ class RunModel(Described, Mapping[str, Value]):
         return self.model.effects
 
     def __getitem__(self, name: str) -> Value:
-        """A parameter by its full name.
-
-        Raises
-        ------
-        UsageError
-            Naming the nearest.
-        """
+        """A parameter by its full name; raises UsageError naming the nearest."""
         if name not in self.model.parameters:
             known = list(self.model.parameters)
             raise UsageError(f"the model has no parameter {name!r}{did_you_mean(name, known)}; it has {', '.join(known)}")

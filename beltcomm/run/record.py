@@ -48,13 +48,7 @@ class RunRecords(Described, Mapping[str, "RunRecord"]):
         self._folder = folder
 
     def __getitem__(self, name: str) -> RunRecord:
-        """One recording.
-
-        Raises
-        ------
-        DataError
-            Naming those that there are.
-        """
+        """One recording; raises DataError naming those that there are."""
         return RunRecord(self._folder, name, self._folder.recording(str(name)))
 
     def __contains__(self, name: object) -> bool:

@@ -50,34 +50,13 @@ class BusLog:
         return len(self._cyclic) + len(self._others)
 
     def lines(self, channel: str) -> Iterator[str]:
-        """The frames in their order: ``(12.345678) can0 181#0011AA``, a remote frame ``(12.345678) can0 701#R``.
-
-        Parameters
-        ----------
-        channel : str
-        """
+        """The frames in their order: ``(12.345678) can0 181#0011AA``, a remote frame ``(12.345678) can0 701#R``."""
         for _, (time_s, identifier, data, source) in sorted([*self._cyclic, *self._others], key=lambda item: item[0]):
             content = "R" if source.endswith("rtr") else data.hex().upper()
             yield f"({time_s:017.6f}) {channel} {identifier:03X}#{content}"
 
     def write(self, folder: Path, name: str, channel: str) -> Path:
-        """All of it into ``NAME.log.gz``, or NAME-2 and so on when there is one already.
-
-        Parameters
-        ----------
-        folder : Path
-        name : str
-        channel : str
-
-        Returns
-        -------
-        Path
-            Of the file.
-
-        Raises
-        ------
-        OSError
-        """
+        """All of it into ``NAME.log.gz``, or NAME-2 and so on when there is one already; returns the file, or raises OSError."""
         if folder.is_symlink():
             raise link_refused(folder)
         folder.mkdir(parents=True, exist_ok=True)

@@ -88,12 +88,7 @@ class Calibration:
 
 
 def _calibration_from_dict(data: Mapping[str, Any], where: Path) -> Calibration:
-    """The inverse of :meth:`Calibration.to_dict`.
-
-    Raises
-    ------
-    DataError
-    """
+    """The inverse of :meth:`Calibration.to_dict`; raises DataError."""
     check_content(RESULT, data, where)
     units = {name: GainUnit(one["unit"], one["interval"], one["assumed"], one["object"]) for name, one in data["units"].items()}
     if not all(0.0 < one.value < math.inf and one.assumed > 0.0 for one in units.values()):
@@ -210,11 +205,6 @@ def keep_for_kind(found: Calibration) -> str:
     ----------
     found : Calibration
         Constants of this drive.
-
-    Returns
-    -------
-    str
-        In words, what became of it.
     """
     path = _store_of(found.kind)
     try:

@@ -77,13 +77,7 @@ class Cost:
 
 
 def _cost_of(folder: RunFolder, before: Model, after: Model) -> Cost:
-    """Cost of what ``after`` has and ``before`` has not.
-
-    Raises
-    ------
-    BeltcommError
-        Where no loop or no move can be had.
-    """
+    """Cost of what ``after`` has and ``before`` has not; raises BeltcommError where no loop or no move can be had."""
     axis, findings = folder.axis, Findings(kept_path=kept_path(folder))
     if not axis.has_transmission or before.side != "motor":
         raise Refused("an axis without a belt has no verification move yet")

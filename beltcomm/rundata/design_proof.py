@@ -234,7 +234,6 @@ def prove(grounds: Grounds, design: DesignResult, cascade: Cascade, recordings: 
     recordings : sequence of Recording
         Of the run; excited ones are taken.
     seed : int
-        Of the draws.
 
     Returns
     -------

@@ -50,32 +50,13 @@ class Breakaway:
         return max(0.0, self.coulomb_nm - self.slope_nm_s * rising_s)
 
     def least_friction_nm(self, inertia_kg_m2: float, ratio: float) -> float:
-        """Lower bound of the friction in motion on an axis with this inertia.
-
-        Parameters
-        ----------
-        inertia_kg_m2 : float, motor side, with carriage
-        ratio : float, m/rad
-            Carriage travel over motor angle.
-
-        Returns
-        -------
-        float, N m
-            Motor shaft; 0 when nothing is known.
-        """
+        """Lower bound of the friction in motion on an axis with this inertia, N m, motor shaft; 0 when nothing is known."""
         return max(0.0, SLIDING_SHARE * self._overcome_nm(inertia_kg_m2, ratio) - abs(self.holding_nm - self.held_nm))
 
     def most_friction_nm(self, stiffness_n_m: float, inertia_kg_m2: float, ratio: float) -> float:
         """Upper bound of the friction in motion, N m; infinite where the carriage may still have stood when the motor moved.
 
         It did not where a belt stretched by ``MOVED_M`` pulls harder than all that was overcome:  i_t c x > τ.
-
-        Parameters
-        ----------
-        stiffness_n_m : float
-            Of the belt, infinite on a rigid axis.
-        inertia_kg_m2, ratio : float
-            Of the whole axis at the motor; i_t, m/rad.
         """
         overcome_nm = self._overcome_nm(inertia_kg_m2, ratio)
         return overcome_nm if ratio * stiffness_n_m * MOVED_M > overcome_nm else math.inf

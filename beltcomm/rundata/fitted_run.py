@@ -74,7 +74,6 @@ def with_remarks_on_rest(folder: RunFolder, records: Checked) -> Checked:
     ----------
     folder : RunFolder
     records : Checked
-        Checked.
     """
     return replace(records, remarks=(*folder.remarks, *records.remarks))
 
@@ -181,24 +180,10 @@ class OwnLoad:
 
 
 def _own_loads(fitted: Fitted) -> list[OwnLoad]:
-    """Records that clearly ask for a load of their own.
+    """Records that clearly ask for a load of their own, the clearest first (Rao's score test, the other parameters taken out).
 
     With gradient g and information A of one record r, W of all, for its mass j:  Δ = -g_j/S,  fall of O = g_j²/S,
-    S = A_jj - A_j W⁻¹ A_j.
-
-    Parameters
-    ----------
-    fitted : Fitted
-        Of all records.
-
-    Returns
-    -------
-    list of OwnLoad
-        The clearest first; none of a model that is far off, or with an observer.
-
-    References
-    ----------
-    Rao's score test, the other parameters taken out.
+    S = A_jj - A_j W⁻¹ A_j.   None of a model that is far off, or with an observer.
     """
     problem, name = fitted.problem, carrying(fitted.model)
     records = list(dict.fromkeys(piece.record for piece in problem.pieces))
@@ -225,11 +210,5 @@ def _unit(fitted: Fitted, name: str) -> str:
 
 
 def _clearest(fitted: Fitted) -> list[str]:
-    """Remark on the record that asks most clearly for a load of its own; at most one, for it shifts what the others show.
-
-    Returns
-    -------
-    list of str
-        One sentence or none.
-    """
+    """Remark on the record that asks most clearly for a load of its own; at most one, for it shifts what the others show."""
     return [load.words() for load in _own_loads(fitted)[:1]]

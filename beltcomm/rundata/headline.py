@@ -192,13 +192,7 @@ def headline_of(folder: RunFolder) -> Headline:
 
 
 def _targets_of(result: Mapping[str, Any], asked: AxisTargets) -> AxisTargets:
-    """Targets that a move was judged by.
-
-    Parameters
-    ----------
-    asked : AxisTargets
-        Of the axis, for a result that does not tell.
-    """
+    """Targets that a move was judged by; those of the axis for a result that does not tell."""
     if (told := result.get("targets")) is None:
         return asked
     known = {*entries_of(AxisTargets), "at", "move"}

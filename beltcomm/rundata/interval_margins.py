@@ -1,20 +1,27 @@
-"""A controller at both ends of what is known of the axis: refused before it is written where it does not hold there."""
+"""A controller at both ends of what is known of the axis: refused before it is written where it does not hold there.
+
+An inertia or a stiffness goes to an end of its 95 % interval, and with it what the fit cannot tell apart from it:
+
+    δ_k = Σ_kn/Σ_nn δ_n
+
+Σ : covariance of the fit.   The way ends where the parameter meets its bound, and the others stay at theirs: no mass is negative, however
+wide its interval.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from beltcomm.control import Cascade
 from beltcomm.design.cascade import DesignResult
 from beltcomm.design.cautious import FRICTIONS, with_least_damping
 from beltcomm.design.design_plant import DesignPlant, with_friction_fractions
-from beltcomm.design.interval_ends import interval_ends
 from beltcomm.design.margins import WorstMargins, margins, worst_of
 from beltcomm.design.specification import Specification, relaxed_to
 from beltcomm.errors import Refused
 from beltcomm.given import pasted
-from beltcomm.model import Model
+from beltcomm.model import BELT_STIFFNESSES, Model
 from beltcomm.rundata.analyse import LEAST_PHASE_MARGIN_DEG, design_plants
 from beltcomm.rundata.calibration import at_interval_ends, unsure
 from beltcomm.runfolder import RunFolder
@@ -71,7 +78,7 @@ def require_over_intervals(
     def missing(cascade: Cascade, at: Model) -> str:
         return _missing(worst_of(margins(cascade, plants(at), result.structure.period_s)), least)
 
-    for end in interval_ends(model):
+    for end in _interval_ends(model):
         if short := missing(result.cascade, end.model):
             known, at = model.parameters[end.name], replace(end.model.parameters[end.name], interval=None)
             raise Refused(
@@ -105,3 +112,43 @@ def _missing(found: WorstMargins, least: Specification) -> str:
     if found.sensitivity_db > least.sensitivity_db:
         return f"its sensitivity is {found.sensitivity_db:.1f} dB, {least.sensitivity_db:.1f} are the most"
     return ""
+
+
+@dataclass(frozen=True)
+class IntervalEnd:
+    """A model at one end of the 95 % interval of one of its parameters.
+
+    Attributes
+    ----------
+    name : str
+        Full name of the parameter.
+    model : Model
+        With the parameter there.
+    """
+
+    name: str
+    model: Model
+
+
+def _interval_ends(model: Model) -> list[IntervalEnd]:
+    """Both ends, the lower first, of every inertia and spring of a model that is an estimate; none where nothing was estimated."""
+    names = [name for name in (*(name for name, _ in model.bodies()), *BELT_STIFFNESSES) if name in model.parameters]
+    estimated = [name for name in names if model.parameters[name].interval_95 is not None]
+    return [IntervalEnd(name, _moved(model, name, sign, estimated)) for name in estimated for sign in (-1.0, 1.0)]
+
+
+def _moved(model: Model, name: str, sign: float, along: list[str]) -> Model:
+    """The model with a parameter at an end of its interval, and those along with it that the fit ties to it."""
+    half, ties = model.parameters[name].interval or 0.0, {name: 1.0}
+    if model.covariance is not None and name in model.covariance.names:
+        matrix, at = model.covariance.of(along), along.index(name)
+        if matrix[at, at] > 0.0:
+            ties |= {other: float(matrix[k, at] / matrix[at, at]) for k, other in enumerate(along)}
+    way = _inside(model, name, sign * half) - model[name]
+    return model.with_values({other: _inside(model, other, tie * way) for other, tie in ties.items()})
+
+
+def _inside(model: Model, name: str, way: float) -> float:
+    """Value so far away from that of the model, or its bound on that way."""
+    item = model.parameters[name]
+    return min(max(item.value + way, item.low), item.high)

@@ -37,47 +37,17 @@ _MOST_SUBSTEPS = 1000
 
 
 def _key_of(records: Mapping[str, str], axis: Axis) -> str:
-    """Equal only where the same programs would fit a model to the same records.
-
-    Parameters
-    ----------
-    records : dict of str to str
-        Name -> SHA-256, sidecars too.
-    """
+    """Equal only where the same programs would fit a model to the same records, given as name -> SHA-256, sidecars too."""
     return digest_of([dict(sorted(records.items())), axis.fingerprint(), source_hash()])
 
 
 def _key_of_model(start: Model | None) -> str:
-    """Equal only for the same model; None where it follows from records and axis.
-
-    Parameters
-    ----------
-    start : Model or None
-        With which a fit begins.
-
-    Returns
-    -------
-    str
-        A hash.
-    """
+    """Hash, equal only for the same model with which a fit begins; None where it follows from records and axis."""
     return digest_of(start.to_dict() if start is not None else None)
 
 
 def _store_fit(data: Data, fitted: Fitted) -> dict[str, Any] | None:
-    """Mapping for :func:`_restore_fit`; None for a model with an observer, whose gains go with the way of the search.
-
-    Parameters
-    ----------
-    data : Data
-        The records, with path and noise.
-    fitted : Fitted
-        The fit to them.
-
-    Returns
-    -------
-    dict or None
-        For JSON.
-    """
+    """Mapping for :func:`_restore_fit`; None for a model with an observer, whose gains go with the way of the search."""
     if needs_observer(fitted.model):
         return None
     return {
@@ -97,13 +67,7 @@ def _store_fit(data: Data, fitted: Fitted) -> dict[str, Any] | None:
 
 
 def _restore_fit(recordings: Sequence[Recording], found: Mapping[str, Any]) -> tuple[Data, Fitted]:
-    """The fit at its minimum: one evaluation, no search.
-
-    Raises
-    ------
-    BeltcommError
-        Or what Python says of damaged values.
-    """
+    """The fit at its minimum: one evaluation, no search.  Raises BeltcommError, or what Python says of damaged values."""
     model = model_from_dict(found["made_by"])
     shares = {str(name): (float(white), float(slow)) for name, (white, slow) in found["shares"].items()}
     timed = [r for r in recordings if not r.is_static_map]

@@ -86,16 +86,6 @@ ONE_PLACE = (
 )
 
 
-def place_known(recordings: Sequence[Recording]) -> bool:
-    """True if some excited recording says where along the travel it was made.
-
-    Parameters
-    ----------
-    recordings : sequence of Recording
-    """
-    return any(r.sidecar.start_position_m is not None for r in recordings if r.sidecar.experiment == "frf")
-
-
 #: Share of the encoder's counts below which an angle was recorded coarser; distance from a whole step that is none, and share of the steps
 #: that must be whole: of a fast motion few angles are neighbours.
 COARSER, NEARLY_WHOLE, MOSTLY = 0.8, 0.05, 0.98

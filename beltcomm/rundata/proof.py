@@ -233,11 +233,6 @@ def move_of(folder: RunFolder, period_s: float, file: Path | None) -> Trajectory
         Of the drive.
     file : Path or None
         Of the user's own move; None for the other two.
-
-    Returns
-    -------
-    Trajectory
-        Of the carriage.
     """
     axis = folder.axis
     if file is not None:

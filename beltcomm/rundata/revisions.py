@@ -69,18 +69,7 @@ class Revision:
     bands_held_out: tuple[PlainError, ...] = ()
 
     def up_to(self, band_hz: float) -> Plain:
-        """The error in plain units up to a band's edge.
-
-        Parameters
-        ----------
-        band_hz : float
-            Upper edge.
-
-        Returns
-        -------
-        Plain
-            On fitted and on held-out records, None where nobody noted it.
-        """
+        """The error in plain units up to a band's edge, on fitted and on held-out records; None where nobody noted it."""
         fitted, held = (next((one for one in bands if one.band_hz == band_hz), None) for bands in (self.bands, self.bands_held_out))
         return fitted, held
 
@@ -125,13 +114,7 @@ def band_of_rungs(rungs: Sequence[Revision]) -> float:
 
 
 def _in_one_band(rungs: Sequence[Revision]) -> list[Revision]:
-    """Rungs whose errors in plain units are all up to one frequency, so that they can be held against each other.
-
-    Parameters
-    ----------
-    rungs : sequence of Revision
-        Of one run.
-    """
+    """Rungs whose errors in plain units are all up to one frequency, so that they can be held against each other."""
     band = band_of_rungs(rungs)
     told = [rung.up_to(band) for rung in rungs]
     return [
@@ -358,11 +341,6 @@ def unfitted(folder: RunFolder) -> list[str]:
     Parameters
     ----------
     folder : RunFolder
-
-    Returns
-    -------
-    list of str
-        Names.
     """
     rung = current_revision(folder)
     noted = (folder.load_result("fit") or {}).get(RECORDS) if rung is None else [Path(name).stem for name in rung.data]

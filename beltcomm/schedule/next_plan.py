@@ -80,13 +80,7 @@ class NextPlan:
         return {**found, **({"own_drive": list(self.own_drive)} if self.own_drive else {})}
 
     def lines(self, run: Path) -> list[str]:
-        """The plan for people.
-
-        Parameters
-        ----------
-        run : Path
-            Folder, for the commands.
-        """
+        """The plan for people."""
         if not self.reasons:
             return ["Nothing more needs to be recorded: every effect of typical size would have been seen."]
         lines = ["Record next, for " + ", ".join(self.reasons) + ":"]
@@ -108,21 +102,11 @@ class NextPlan:
         return [*lines, f"The plan is {self.file(run)}; a drive runs it with: {self.command(run)}"]
 
     def file(self, run: Path) -> Path:
-        """Path of the plan in a run folder.
-
-        Parameters
-        ----------
-        run : Path
-        """
+        """Path of the plan in a run folder."""
         return run / "results" / f"{NAME}.yaml"
 
     def command(self, run: Path) -> str:
-        """Command that makes its records; nothing for a plan without a step.
-
-        Parameters
-        ----------
-        run : Path
-        """
+        """Command that makes its records; nothing for a plan without a step."""
         return f"beltcomm identify --drive DRIVE --run {pasted(run)} --plan {pasted(self.file(run))}" if self.steps else ""
 
 

@@ -211,11 +211,6 @@ def _stroke_at(speed_m_s: float, room_m: float, limits: TrajectoryLimits, axis: 
 
     A plateau holds whole turns of the pulley where one fits into the way and lasts no longer than ``TURN_S``, so that its runout is
     averaged away; else whole teeth of the belt; else it is just long enough.
-
-    Parameters
-    ----------
-    room_m : float
-        Between the turns.
     """
     ramps = 2.0 * ramp_length_m(speed_m_s, limits) + speed_m_s * SWEEP_RUN_IN_S
     free = room_m - ramps

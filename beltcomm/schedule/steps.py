@@ -79,13 +79,7 @@ class Step:
         return "place" in KEYS[self.kind]
 
     def at_m(self, window_m: tuple[float, float]) -> float:
-        """Position of the step, m.
-
-        Parameters
-        ----------
-        window_m : tuple of float
-            Of the travel.
-        """
+        """Position of the step, m."""
         low, high = window_m
         return low + self.place * (high - low)
 
@@ -110,13 +104,7 @@ class Step:
         return f"excitation {where}, with {100.0 * self.share:.0f} % of what the limits allow{most}{wide}{long}"
 
     def title(self, place_m: float) -> str:
-        """In a few words.
-
-        Parameters
-        ----------
-        place_m : float
-            Where it happens, m.
-        """
+        """In a few words."""
         what = {
             "response": "frequency response",
             "strokes": "slow strokes",

@@ -33,7 +33,7 @@ STATES = {
 }
 
 
-def comparison_state(comparison: Comparison, doubt: str = "") -> tuple[str, str, str]:
+def comparison_state(comparison: Comparison, doubt: str) -> tuple[str, str, str]:
     """State of a model that was compared with its records, on every screen and page: its word, a sentence, the style of both.
 
     Parameters

@@ -220,13 +220,12 @@ def lacking_lines(missing: Sequence[str]) -> list[str]:
     return ["Little can be seen here of some things:", *(f"  {line}" for line in missing)] if missing else []
 
 
-def sight_lines(sights: Sequence[DetectionLimit], run: Path, unnamed: Collection[str] = (), planned: bool = False) -> list[str]:
+def sight_lines(sights: Sequence[DetectionLimit], run: Path, unnamed: Collection[str], planned: bool) -> list[str]:
     """Detection limits of these data.
 
     Parameters
     ----------
     sights : sequence of DetectionLimit
-        Limits of detection.
     run : Path
     unnamed : Collection[str]
         Effects that are not named from them, whatever they show.
@@ -255,7 +254,6 @@ def blind_words(sights: Sequence[DetectionLimit], unnamed: Collection[str]) -> l
     Parameters
     ----------
     sights : sequence of DetectionLimit
-        Limits of detection.
     unnamed : collection of str
         Effects that are left out.
     """
@@ -375,7 +373,7 @@ def added_notes(asked: str, effect: str, strays: bool) -> list[str]:
 
 
 def change_lines(
-    was: tuple[Fitted, Plain], model: Model, after: Fitted, rung: Revision, notes: Sequence[str], run: Path, beside: Sequence[str] = ()
+    was: tuple[Fitted, Plain], model: Model, after: Fitted, rung: Revision, notes: Sequence[str], run: Path, beside: Sequence[str]
 ) -> list[str]:
     """``beltcomm add`` and ``beltcomm remove``.
 

@@ -257,13 +257,7 @@ class Ending:
     details: list[str]
 
     def whole(self, closing: Sequence[str]) -> list[str]:
-        """Lines of ``verdict.txt``.
-
-        Parameters
-        ----------
-        closing : sequence of str
-            Lines between screen and details.
-        """
+        """Lines of ``verdict.txt``, with ``closing`` between screen and details."""
         return [*self.screen, *closing, "", "Details:", *self.details]
 
 

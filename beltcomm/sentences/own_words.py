@@ -184,22 +184,11 @@ class OwnWords:
         self._talk.say(*lines_in(self._terms, lines))
 
     def detail(self, *lines: str) -> None:
-        """Said on.
-
-        Parameters
-        ----------
-        *lines : str
-        """
+        """Said on."""
         detail(self._talk, *lines_in(self._terms, lines))
 
     def found(self, name: str, value: str) -> None:
-        """Said on.
-
-        Parameters
-        ----------
-        name : str
-        value : str
-        """
+        """Said on."""
         found(self._talk, self._terms.said(name), self._terms.said(value))
 
     def confirm(self, text: str) -> bool:
@@ -207,14 +196,7 @@ class OwnWords:
         return self._talk.confirm(self._terms.said(text))
 
     def choose(self, question: str, choices: Mapping[str, str]) -> str:
-        """Asked on.
-
-        Parameters
-        ----------
-        question : str
-        choices : mapping of str to str
-            Words of each key.
-        """
+        """Asked on."""
         return choose(self._talk, self._terms.said(question), {key: self._terms.said(word) for key, word in choices.items()})
 
     def attended(self) -> bool:
@@ -262,11 +244,6 @@ def own_words(command: Callable[P, Result]) -> Callable[P, Result]:
     ----------
     command : callable
         With an axis or a run among its arguments.
-
-    Returns
-    -------
-    callable
-        The same call.
     """
     signature = inspect.signature(command)
 
@@ -302,11 +279,6 @@ def about_run(*, waits: bool = True) -> Callable[[Callable[P, Result]], Callable
     ----------
     waits : bool
         True if it waits for another command in the run to end.
-
-    Returns
-    -------
-    callable
-        Decorator.
     """
 
     def made(command: Callable[P, Result]) -> Callable[P, Result]:

@@ -133,7 +133,7 @@ def _error_row(
     )
 
 
-def axis_lines(model: Model, at_m: float, delay_s: float | None = None) -> list[Line]:
+def axis_lines(model: Model, at_m: float, delay_s: float | None) -> list[Line]:
     """Axis in lines: mass, belt, friction at the carriage, resonances for a place.
 
     Parameters
@@ -196,7 +196,7 @@ def model_state(level: float, suspect: bool | None = None, judged: bool = True, 
     return tr("FITS"), tr("explains everything above the noise ({level:.2f} x)", level=level), "good"
 
 
-def model_line(level: float, suspect: bool | None = None, judged: bool = True, missing: Missing | None = None) -> Line:
+def model_line(level: float, suspect: bool | None, judged: bool = True, missing: Missing | None = None) -> Line:
     """:func:`model_state` as a line of a screen.
 
     Parameters

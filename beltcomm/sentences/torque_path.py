@@ -91,7 +91,6 @@ def path_sentences(path: TorquePath, recordings: Sequence[Recording]) -> list[st
     Parameters
     ----------
     path : TorquePath
-        Of the torque.
     recordings : sequence of Recording
         Made by that drive.
     """

@@ -17,13 +17,7 @@ DIGITS = 4
 
 
 def _typed_lines(cascade: Cascade, drive: Mapping[str, Any]) -> list[str]:
-    """Each gain in units that tools have, then what the drive calls it, as far as that is known.
-
-    Parameters
-    ----------
-    drive : Mapping[str, Any]
-        ``results/drive.yaml``.
-    """
+    """Each gain in units that tools have, then what the drive calls it, as far as ``results/drive.yaml`` knows."""
     terms, per_amp = [GainTerm(**entry) for entry in drive.get("gain_terms") or ()], _torque_per_amp(drive)
     rows = [[what, " = ".join(ways)] for what, ways in _gains(cascade, per_amp)]
     lines = [

@@ -79,7 +79,7 @@ def thousandths(value: Value, unit: str) -> str:
     return number(1e3 * value.value, None if value.interval is None else 1e3 * value.interval, unit).rstrip()
 
 
-def model_lines(fit: ModelFit, characteristics: Mapping[str, Characteristic], error: float | None = None) -> list[str]:
+def model_lines(fit: ModelFit, characteristics: Mapping[str, Characteristic], error: float | None) -> list[str]:
     """The fitted model with 95 % intervals, its misfit and what to know of it.
 
     Parameters

@@ -113,20 +113,7 @@ class Intersample:
     above: Array
 
     def cells(self, torque: Array, per_sample: int) -> Array:
-        """Mean over each of so many cells of a period.
-
-        Parameters
-        ----------
-        torque : ndarray (n,), N m
-            Mean over each period.
-        per_sample : int
-            Cells of a period.
-
-        Returns
-        -------
-        ndarray, N m
-            (n per_sample,).
-        """
+        """Mean over each of so many cells of a period, N m, (n per_sample,), of a torque given by its mean over each period, (n,)."""
         if CELLS % per_sample == 0:
             above = row_means(self.above.reshape(len(torque), per_sample, -1)) if per_sample < CELLS else self.above
         else:  # fine steps for a coupling follow its frequency

@@ -102,13 +102,7 @@ class FineMotion:
         self.rubbed.clear()
 
     def coarser(self, substeps: int) -> FineMotion:
-        """Motion with fewer fine steps per sample; itself where it has no more.
-
-        Parameters
-        ----------
-        substeps : int
-            Fine steps per sample, of which today's are a multiple.
-        """
+        """Motion with fewer fine steps per sample, of which today's are a multiple; itself where it has no more."""
         skip = self.substeps // substeps
         if skip <= 1:
             return self
@@ -140,7 +134,6 @@ def reconstruct(
     torque : ndarray, N m
         ndarray (n,) acting from sample n to n+1, or (fine - 1,), mean over each fine step.
     sample_s : float, s
-        Sampling period.
     inertia : float, kg m², motor side
     start_rad : float, rad
         Absolute motor angle (carriage position over i_t) of the first sample.
@@ -544,7 +537,6 @@ def as_read(torque: Array, start_nm: float, sample_s: float, lags: Lags) -> Arra
     start_nm : float, N m
         The reading at the first sample that counts, the second: the lag's whole state.
     sample_s : float, s
-        Sampling period.
     lags : Lags
         Laws of the reading with their values.
     """

@@ -54,98 +54,35 @@ class SetpointGrid:
         return np.asarray(self.loop_s * np.arange(last + 1), dtype=np.float64)
 
     def on_loop(self, values: Array) -> Array:
-        """Setpoints as the loop has them.
-
-        Parameters
-        ----------
-        values : ndarray, (count,)
-            One entry per setpoint.
-
-        Returns
-        -------
-        ndarray
-            One entry per run of the loop.
-        """
+        """Setpoints, (count,), as the loop has them: one entry per run of it."""
         return values if self._same else np.asarray(np.interp(self._loops_s() - self.lag_s, self._sent_s(), values))
 
     def zero_order_hold(self, values: Array) -> Array:
-        """Values that act from their setpoint to the next.
-
-        Parameters
-        ----------
-        values : ndarray, (count,)
-            One entry per setpoint.
-
-        Returns
-        -------
-        ndarray
-            One entry per run of the loop.
-        """
+        """Values, one per setpoint, that act from their setpoint to the next: one entry per run of the loop."""
         if self._same:
             return values
         latest = np.floor(self._loops_s() / self.period_s + _ROUNDING).astype(int)
         return np.asarray(values[np.minimum(latest, self.count - 1)])
 
     def in_loop(self, values: Array) -> Array:
-        """Setpoints as the loop has them when the drive samples.
-
-        Parameters
-        ----------
-        values : ndarray, (count,)
-
-        Returns
-        -------
-        ndarray
-            (count,).
-        """
+        """Setpoints as the loop has them when the drive samples, (count,)."""
         return values if self._same else np.asarray(np.interp(self._sent_s() - self.lag_s, self._sent_s(), values))
 
     def at_samples(self, values: Array) -> Array:
-        """Values that run with the loop, at the samples that go with the setpoints.
-
-        Parameters
-        ----------
-        values : ndarray
-            One entry per run of the loop.
-
-        Returns
-        -------
-        ndarray
-            (count,).
-        """
+        """Values of each run of the loop, at the samples that go with the setpoints, (count,)."""
         return values if self._same else np.asarray(np.interp(self._sent_s(), self._loops_s(), values))
 
     def latest(self, values: Array) -> Array:
-        """Latest value that the loop decided when the drive samples.
-
-        Parameters
-        ----------
-        values : ndarray
-            One entry per run of the loop.
-
-        Returns
-        -------
-        ndarray
-            (count,).
-        """
+        """Latest of the values of each run of the loop that was decided when the drive samples, (count,)."""
         if self._same:
             return values
         return np.asarray(values[np.floor(self._sent_s() / self.loop_s + _ROUNDING).astype(int)])
 
     def along(self, values: Array) -> Array:
-        """A torque that fits the host's reference, as it must be sent to fit the loop's.
+        """A torque that fits the host's reference, as it must be sent to fit the loop's, N m, (count,).
 
         Held for a period, it stands for the middle of that, where it came with each run of the loop for the middle of one; the reference is
         late by ``lag_s``: half of this is left.
-
-        Parameters
-        ----------
-        values : ndarray, N m, (count,)
-
-        Returns
-        -------
-        ndarray
-            N m, (count,).
         """
         return values if self._same else np.asarray(np.interp(self._sent_s() - 0.5 * self.lag_s, self._sent_s(), values))
 

@@ -118,12 +118,7 @@ class Braking:
         return min(way, self.besides.way_m(speed_m_s, acceleration_m_s2)) if self.besides else way
 
     def ways_m(self, speed_m_s: Array) -> Array:
-        """:meth:`way_m` of many speeds at once, without acceleration.
-
-        Parameters
-        ----------
-        speed_m_s : ndarray (n,)
-        """
+        """:meth:`way_m` of many speeds at once, without acceleration."""
         speed = np.abs(speed_m_s)
         if self.deceleration_m_s2 > 0.0:
             ways = speed * self.lag_s + speed**2 / (2.0 * self.deceleration_m_s2)
@@ -138,18 +133,7 @@ class Braking:
         return replace(self, lag_s=max(self.lag_s - self.reaction_s, 0.0), reaction_s=0.0, besides=besides)
 
     def span_m(self, position_m: Array, speed_m_s: Array, sample_s: float) -> tuple[float, float]:
-        """Lowest and highest position that a motion reaches with a stop at any moment.
-
-        Parameters
-        ----------
-        position_m, speed_m_s : ndarray (n,)
-        sample_s : float
-
-        Returns
-        -------
-        tuple[float, float], m
-            Carriage.
-        """
+        """Lowest and highest carriage position that a motion, (n,), reaches with a stop at any moment."""
         accelerations = np.gradient(speed_m_s, sample_s)
         ways = [self.way_m(float(v), float(a)) for v, a in zip(speed_m_s, accelerations, strict=True)]
         ends = position_m + np.sign(speed_m_s) * np.array(ways)
@@ -383,17 +367,9 @@ def _predict_stop(
 ) -> Stop:
     """A quick stop by the drive's own velocity loop, on the model.
 
-    The ramp begins at the measured speed and has no feedforward of its acceleration.
-
-    Parameters
-    ----------
-    acceleration_m_s2 : float
-        Out of which it comes.  The axis has reached it with a jerk of a/``RISE_S`` from constant speed, or what such a jerk makes of it
-        from rest; the torque for it, J a/i_t, ends with the stop.
-    position_m : float
-        Where the carriage sets out.
-    delay_s : float
-        Torque setpoint to acting torque.
+    The ramp begins at the measured speed and has no feedforward of its acceleration.   The axis has reached an ``acceleration_m_s2``, out
+    of which it comes, with a jerk of a/``RISE_S`` from constant speed, or what such a jerk makes of it from rest; the torque for it,
+    J a/i_t, ends with the stop.   ``delay_s`` is from torque setpoint to acting torque.
     """
     ratio, way = model["transmission.ratio"], math.copysign(1.0, speed_m_s)
     jerk, top = acceleration_m_s2 / RISE_S, abs(speed_m_s)
@@ -453,7 +429,6 @@ def braked_by_loop(
     torque_limit_nm : float, N m, motor shaft
         Of the drive.
     counts_per_rev : int
-        Of the encoder.
     """
     limit = axis.limits.feed_force_n or math.inf
     allowed = [rigid_deceleration(axis, model["cart.mass"], torque_limit_nm).value_m_s2 for model in family]
@@ -560,19 +535,7 @@ class References:
     added_nm: Array
 
     def lost_at(self, at: int, runs: int) -> tuple[Array, Array, Array]:
-        """Those up to run ``at``; then the last stand still for ``runs`` runs.
-
-        Parameters
-        ----------
-        at : int
-            Run of the loop, 1 or above.
-        runs : int
-
-        Returns
-        -------
-        tuple[ndarray, ndarray, ndarray]
-            Position, speed and torque added, motor shaft.
-        """
+        """Position, speed and torque added up to run ``at``, 1 or above; then the last stand still for ``runs`` runs."""
 
         def then_at_rest(values: Array, last: float) -> Array:
             return np.concatenate((values[:at], np.full(runs, last)))

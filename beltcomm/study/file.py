@@ -78,23 +78,11 @@ class Study:
     terms: Terms = PLAIN
 
     def values(self, number: int) -> Values:
-        """Values of a member.
-
-        Parameters
-        ----------
-        number : int
-            From 0.
-        """
+        """Values of a member."""
         return {"run": self.runs[number]} if self.population is None else self.population.member(number, self.nominal)
 
     def key(self, number: int) -> str:
-        """Key of a member's definition: the same program finds the same result for the same key.
-
-        Parameters
-        ----------
-        number : int
-            From 0.
-        """
+        """Key of a member's definition: the same program finds the same result for the same key."""
         values = dict(self.values(number))
         content = _run_fingerprint(Path(self.runs[number])) if self.population is None else ""
         return _digest([self.fingerprint, values, content])

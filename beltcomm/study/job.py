@@ -158,7 +158,7 @@ def _is_gone(line: Line, asked: Study) -> bool:
     return line["values"]["run"] not in asked.runs
 
 
-def one_member(file: str | Path, number: int, *, doing: Doing, out: Path | None = None) -> Result:
+def one_member(file: str | Path, number: int, *, doing: Doing, out: Path | None) -> Result:
     """One member again, as any worker computes it.
 
     Parameters
@@ -302,13 +302,7 @@ def _differs(line: Line, asked: Study) -> str:
 
 
 def _read_members(path: Path) -> list[Line]:
-    """The lines of a file of members, but for one that is half written.
-
-    Raises
-    ------
-    DataError
-        For a damaged line.
-    """
+    """The lines of a file of members, but for one that is half written; raises DataError for a damaged line."""
     if not path.is_file():
         return []
     data, lines = read_bytes(path, MEASURED_BYTES), []

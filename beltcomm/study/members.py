@@ -169,13 +169,7 @@ class Work(Protocol):
         ...
 
     def described(self, values: Values) -> Mapping[str, Any] | None:
-        """The member as a plant file, None for one that is no virtual axis.
-
-        Parameters
-        ----------
-        values : Values
-            What differs, SI.
-        """
+        """The member as a plant file, None for one that is no virtual axis."""
         ...
 
 
@@ -304,13 +298,7 @@ def _compare_quantities(made: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _diagnosis_quantities(made: Mapping[str, Any], hidden: str | None) -> dict[str, Any]:
-    """Of a diagnosis: what it says, and whether that is the truth.
-
-    Parameters
-    ----------
-    hidden : str or None
-        The truth, "none" of a healthy axis, None where not known.
-    """
+    """Of a diagnosis: what it says, and whether that is the truth: ``hidden``, "none" of a healthy axis, None where not known."""
     added = [step["added"] for step in made["steps"] if step["added"]]
     found: dict[str, Any] = {"verdict": made["verdict"], "named": added}
     if hidden == NOTHING:

@@ -42,14 +42,7 @@ class Distribution:
     numbers: tuple[float, ...]
 
     def draw(self, random: np.random.Generator, nominal: float) -> float:
-        """One number.
-
-        Parameters
-        ----------
-        random : np.random.Generator
-        nominal : float
-            What the base has.
-        """
+        """One number; ``nominal`` is what the base has."""
         if self.kind == "uniform":
             return float(random.uniform(self.numbers[0], self.numbers[1]))
         if self.kind == "normal":
@@ -205,7 +198,6 @@ def population_from(data: Mapping[str, Any], model: Model, seed: int) -> Populat
         Content of the file.
     model : Model
     seed : int
-        Of the draws.
 
     Raises
     ------
@@ -260,12 +252,7 @@ def _hidden(name: str, told: Any, model: Model) -> dict[str, Distribution]:
 
 
 def _distribution_from(told: Any, where: str, unit: str) -> Distribution:
-    """One distribution as a study file tells it, such as ``{uniform: [160 kN/m, 210 kN/m]}``.
-
-    Raises
-    ------
-    UsageError
-    """
+    """One distribution as a study file tells it, such as ``{uniform: [160 kN/m, 210 kN/m]}``; raises UsageError."""
     given = _mapping(told, where)
     kinds = [kind for kind in KINDS if kind in given]
     if len(kinds) != 1 or len(given) != 1:
@@ -289,17 +276,7 @@ def _distribution_from(told: Any, where: str, unit: str) -> Distribution:
 
 
 def _quantity(told: Any, where: str, unit: str) -> float:
-    """A number in SI, or a text with its unit.
-
-    Parameters
-    ----------
-    unit : str
-        As a model names it, such as "N s/m".
-
-    Raises
-    ------
-    UsageError
-    """
+    """A number in SI, or a text with its unit, such as "N s/m"; raises UsageError."""
     if isinstance(told, (int, float)) and not isinstance(told, bool):
         value = float(told)
     else:
@@ -314,12 +291,7 @@ def _quantity(told: Any, where: str, unit: str) -> float:
 
 
 def _per_cent(told: Any, where: str) -> float:
-    """A share from a text such as ``+20 %``.
-
-    Raises
-    ------
-    UsageError
-    """
+    """A share from a text such as ``+20 %``; raises UsageError."""
     match = re.fullmatch(r"\s*([-+]?\d*\.?\d+)\s*%\s*", str(told))
     if match is None:
         raise UsageError(f"{where} is {told!r}; write a change in per cent, such as -20 %")

@@ -122,18 +122,7 @@ class Summary:
     answers: tuple[Answers, ...] = ()
 
     def share(self, key: str) -> Share | None:
-        """The share of that name.
-
-        Parameters
-        ----------
-        key : str
-            Its name.
-
-        Returns
-        -------
-        Share or None
-            None where there is none of that name.
-        """
+        """The share of that name, None where there is none."""
         return next((one for one in self.shares if one.key == key), None)
 
 

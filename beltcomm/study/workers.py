@@ -194,13 +194,7 @@ def _connect(address: str) -> Client:
 
 
 def _unfit(programs: Mapping[str, str], threads: Mapping[str, int], address: str) -> str:
-    """Reason why workers cannot compute, empty where they can.
-
-    Parameters
-    ----------
-    programs, threads
-        By worker, hash of its beltcomm and their number.
-    """
+    """Reason why workers cannot compute, by the hash of their beltcomm and their number of threads, empty where they can."""
     others = [worker for worker, program in programs.items() if program != source_hash()]
     if others:
         return f"the worker {others[0]} has another beltcomm than this computer; install the same one there"

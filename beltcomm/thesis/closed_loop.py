@@ -172,7 +172,6 @@ def gains(rig: str, kind: PrefilterKind) -> Cascade:
     rig : str
         Name of the plant.
     kind : PrefilterKind
-        Of the prefilter.
     """
     solved = thesis_design(_design_plant(rig), kind).cascade
     if kind in PUBLISHED and rig == "g_a":
@@ -256,10 +255,7 @@ def _limits(ratio: float) -> Limits:
 def _saturated_move(model: Model, cascade: Cascade, most_nm: float, windup: bool) -> Limited:
     """T_B with the torque cut off, simulated.
 
-    Parameters
-    ----------
-    windup : bool
-        The controller does not know the limit, so that its integrator goes on (6.25); else it is set to meet the limit (6.26).
+    ``windup``: the controller does not know the limit, so that its integrator goes on (6.25); else it is set to meet the limit (6.26).
     """
     path = _with_rests(plan_trajectory(FROM_M, TO_M, T_B, PERIOD_S))
     structure = CascadeStructure("simulated", PERIOD_S)
@@ -283,12 +279,7 @@ class CutOff(SimulatedPlant):
 
 
 def lines(study: ClosedLoopStudy) -> list[str]:
-    """The table and what it says.
-
-    Parameters
-    ----------
-    study : ClosedLoopStudy
-    """
+    """The table and what it says."""
     said = ["0.5 m with the limits T_A on the virtual drive; errors in mm: motor as the drive measured it, cart as predicted beside it"]
     said.append(f"{'figure':7} {'mass':8} {'':42} {'motor dyn.':>10} {'static':>8} {'cart dyn.':>9} {'torque':>9} {'belt':>6}")
     for run in study.runs:

@@ -144,13 +144,7 @@ class Designs:
     underrated_db: dict[str, float]
 
     def solution(self, plant: str, prefilter: PrefilterKind) -> ThesisDesign | None:
-        """The design of the equalities, None where they have none.
-
-        Parameters
-        ----------
-        plant : str
-        prefilter : PrefilterKind
-        """
+        """The design of the equalities, None where they have none."""
         return next(row.design for row in self.solved if (row.plant, row.prefilter) == (plant, prefilter))
 
 
@@ -315,12 +309,7 @@ def _chosen_row(plant: str, request: str, result: DesignResult, thesis_stiffness
 
 
 def lines(study: Designs) -> list[str]:
-    """The tables, with a line on every difference.
-
-    Parameters
-    ----------
-    study : Designs
-    """
+    """The tables, with a line on every difference."""
     text = ["Published numbers (T_R 2 ms, dead time 1 ms):", f"  {'':18} {'published':>10} {'recomputed':>11}"]
     for n in study.numbers:
         text.append(f"  {n.item:18} {n.published:10.6g} {n.ours:11.5g} {n.unit:10} {n.why}".rstrip())

@@ -168,12 +168,7 @@ def loop_margins(plant: DesignPlant, design: ThesisDesign, period_s: float) -> L
 
 
 def lines(study: Discretisation) -> list[str]:
-    """The tables, with what they mean.
-
-    Parameters
-    ----------
-    study : Discretisation
-    """
+    """The tables, with what they mean."""
     text = difference_lines("G_A", study.plant, study.differences)
     text += [
         "  The velocity filter lags by T/2 at low frequencies, so T_R + T/2 in all; the PI lags by K_I T/2 over its gain;",
@@ -242,54 +237,19 @@ def loop_lines(loops: Sequence[LoopMargins]) -> list[str]:
 
 
 def _velocity_filter_bound(omega_rad_s: Array, period_s: float) -> Array:
-    """Bound of |G_d/G_c − 1| of the velocity filter, for any T_R: ωT/2.
-
-    Parameters
-    ----------
-    omega_rad_s : ndarray (n,)
-        Up to π/T.
-
-    Returns
-    -------
-    ndarray (n,)
-    """
+    """Bound of |G_d/G_c − 1| of the velocity filter, for any T_R: ωT/2, (n,), up to π/T."""
     return np.asarray(0.5 * _theta(omega_rad_s, period_s))
 
 
 def _pi_bound(omega_rad_s: Array, kp_nm_s_rad: float, ki_nm_rad: float, period_s: float) -> Array:
-    """Bound of |PI_d/PI_c − 1|:  K_I T √(1/4 + (θ/π²)²)/√(K_P² + K_I²/ω²).
-
-    Parameters
-    ----------
-    omega_rad_s : ndarray (n,)
-        Up to π/T.
-
-    Returns
-    -------
-    ndarray (n,)
-    """
+    """Bound of |PI_d/PI_c − 1|:  K_I T √(1/4 + (θ/π²)²)/√(K_P² + K_I²/ω²), (n,), up to π/T."""
     theta = _theta(omega_rad_s, period_s)
     difference = ki_nm_rad * period_s * np.hypot(0.5, theta / math.pi**2)
     return np.asarray(difference / np.hypot(kp_nm_s_rad, ki_nm_rad / omega_rad_s))
 
 
 def _prefilter_bound(omega_rad_s: Array, prefilter: Prefilter, period_s: float) -> Array:
-    """Bound of |G_d/G_c − 1| of a prefilter:  exp(Λ |ln(ω'/ω)|) − 1; 0 at its own frequency.
-
-    Parameters
-    ----------
-    omega_rad_s : ndarray (n,)
-        Up to π/T.
-
-    Returns
-    -------
-    ndarray (n,)
-
-    Raises
-    ------
-    UsageError
-        For a frequency beyond π/T.
-    """
+    """Bound of |G_d/G_c − 1| of a prefilter:  exp(Λ |ln(ω'/ω)|) − 1, (n,); 0 at its own frequency, UsageError for one beyond π/T."""
     if prefilter.roll_off_rad_s > 0.0:
         parts = (replace(prefilter, roll_off_rad_s=0.0), Prefilter("butterworth", prefilter.roll_off_rad_s))
         return np.asarray(np.prod([1.0 + _prefilter_bound(omega_rad_s, part, period_s) for part in parts], axis=0) - 1.0)
@@ -301,13 +261,7 @@ def _prefilter_bound(omega_rad_s: Array, prefilter: Prefilter, period_s: float) 
 
 
 def _warped_frequency(omega_rad_s: Array, prefilter: Prefilter, period_s: float) -> Array:
-    """ω', where the continuous prefilter has the value that the discrete one has at ω, rad/s.
-
-    Parameters
-    ----------
-    omega_rad_s : ndarray (n,)
-        Up to π/T.
-    """
+    """ω', where the continuous prefilter has the value that the discrete one has at ω, rad/s."""
     omega_0 = prefilter.omega_rad_s
     _theta(np.array([omega_0]), period_s)
     return np.asarray(omega_0 * np.tan(0.5 * _theta(omega_rad_s, period_s)) / math.tan(0.5 * omega_0 * period_s))

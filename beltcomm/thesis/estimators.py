@@ -161,12 +161,7 @@ def _ramp() -> Velocities:
 
 
 def lines(study: EstimatorStudy) -> list[str]:
-    """The study in words and tables, with the source's statements beside ours.
-
-    Parameters
-    ----------
-    study : EstimatorStudy
-    """
+    """The study in words and tables, with the source's statements beside ours."""
     said = [
         "Velocity from an incremental encoder: 2.5 um per increment, edges timed to 10 ns; for each speed eight within 1 % of it.",
         "The source does not state its T_s; 1 ms is that of our loops, 62.5 us what its identification records suggest.",

@@ -261,12 +261,7 @@ def _verdict(plant: str, rows: Sequence[ExcitationRow]) -> str:
 
 
 def lines(study: ExcitationStudy) -> list[str]:
-    """The table and what it says.
-
-    Parameters
-    ----------
-    study : ExcitationStudy
-    """
+    """The table and what it says."""
     head = f"{'':10} {'±N m':>6} {'crest':>5} {'s':>5} {'travel':>8} {'belt':>6} {'lines':>7} {'to':>7} {'|ΔG|/G':>7} {'noise':>7}"
     head += "".join(f" {word:>10}" for word in MEANT.values()) + "   odd    even"
     said: list[str] = []

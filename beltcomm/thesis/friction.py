@@ -155,12 +155,7 @@ def _difference_words(base_worn: bool, rig: str) -> str:
 
 
 def lines(study: FrictionComparison) -> list[str]:
-    """The table and what it says.
-
-    Parameters
-    ----------
-    study : FrictionComparison
-    """
+    """The table and what it says."""
     head = f"{'':31} {'speeds':>6} {'min':>5} {'d_v, mN m s/rad':>17} {'tau_c, N m':>18} {'left':>10} {'below 10 mm/s':>14} {'true d_v':>8}"
     said = [
         f"Friction sweep in six orders, {len(SHUFFLED)} speeds of (A.1), simulated: table A.10 and, assumed, {100 * COLD_SHARE:.0f} % more "

@@ -396,12 +396,7 @@ def scatter_of_mean(
 
 
 def lines(study: IdentificationStudy) -> list[str]:
-    """The table and what it says.
-
-    Parameters
-    ----------
-    study : IdentificationStudy
-    """
+    """The table and what it says."""
     said = [
         f"{study.name}, closed loop at {1e3 * study.speed_m_s:.0f} mm/s with a crossover below 1 Hz; errors of |G| against the moving axis",
         f"{'':24} {'torque':>9} {'below 3 Hz':>11} {'above':>8} {'scatter':>8} {'m_c':>9} {'i_t²(d_m+d_c)':>20}  motor reverses",

@@ -172,12 +172,7 @@ def _relative(h: ComplexArray, true: ComplexArray) -> float:
 
 
 def lines(study: ModelStudy) -> list[str]:
-    """Numbers of chapter 2.
-
-    Parameters
-    ----------
-    study : ModelStudy
-    """
+    """Numbers of chapter 2."""
     said = [f"{'':5} {'f_r, Hz':>9} {'published':>10} {'f_z, Hz':>9} {'published':>10}   (2.44), (2.45)"]
     for name, (resonance, antiresonance) in study.recomputed.items():
         published = study.published[name]

@@ -192,11 +192,6 @@ def _stroke(start_m: float, end_m: float, speed_m_s: float, limits: TrajectoryLi
     """From rest to rest at a constant speed between jerk-limited ramps; slower where the way is too short to reach it.
 
     Other arguments and errors as for :func:`plan_trajectory`.
-
-    Parameters
-    ----------
-    speed_m_s : float, m/s
-        Positive, at most the limit.
     """
     if not 0.0 < speed_m_s <= limits.speed_m_s:
         raise UsageError(f"the speed of a stroke is {speed_m_s:g} m/s; it must be above 0 and at most {limits.speed_m_s:g} m/s")

@@ -75,12 +75,7 @@ class Task:
         return max(math.cbrt(abs(self.distance) / jerk), math.sqrt(speed / jerk), acceleration / jerk)
 
     def in_units(self, time: float) -> Task:
-        """Task with ``time`` as the unit of time and a unit of length that makes the larger jerk 1.
-
-        Parameters
-        ----------
-        time : float, s
-        """
+        """Task with ``time`` as the unit of time and a unit of length that makes the larger jerk 1."""
         length = max(self.rise, self.fall) * time**3
         v, a, j = time / length, time**2 / length, time**3 / length
         return Task(
@@ -154,10 +149,7 @@ def fastest(task: Task) -> tuple[Array, Array] | None:
 def _to_speed(task: Task, speed: float, *, top: bool = False) -> tuple[list[float], list[float]]:
     """Fastest way from (v0, a0) of the task to (speed, 0): three durations and three jerks.
 
-    Parameters
-    ----------
-    top : bool
-        The speed is the upper bound, so that rounding cannot make it lower than where the acceleration comes to zero.
+    ``top``: the speed is the upper bound, so that rounding cannot make it lower than where the acceleration comes to zero.
     """
     up = top or speed >= task.v0 + 0.5 * task.a0 * abs(task.a0) / (task.fall if task.a0 > 0.0 else task.rise)
     first, second = (task.rise, task.fall) if up else (task.fall, task.rise)

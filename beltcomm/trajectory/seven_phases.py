@@ -173,10 +173,6 @@ class SevenPhases:
     def sampled(self, sample_period_s: float) -> Trajectory:
         """On a uniform grid; first and last sample are the two states exactly.
 
-        Parameters
-        ----------
-        sample_period_s : float
-
         Raises
         ------
         ValueError
@@ -235,7 +231,6 @@ def on_grid(start: MotionState, end: MotionState, bounds: MotionBounds, sample_p
     bounds : MotionBounds
         Of each way.
     sample_period_s : float, s
-        Of the drive.
 
     Returns
     -------

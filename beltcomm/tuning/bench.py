@@ -64,16 +64,7 @@ class Responses:
 
 
 def open_loop_curves(plant: DesignPlant, cascade: Cascade, period_s: float) -> OpenLoops:
-    """Both open loops on a grid that is fine around resonance and antiresonance, up to π/T.
-
-    Parameters
-    ----------
-    plant : DesignPlant
-        With its dead time.
-    cascade : Cascade
-    period_s : float, s
-        T of the controller.
-    """
+    """Both open loops on a grid that is fine around resonance and antiresonance, up to π/T."""
     omega = frequencies([plant], period_s, _LINES)[0]
     omega = np.unique(omega[omega >= 1.0])
     velocity, position = open_loops(plant, cascade, period_s, omega)
@@ -81,29 +72,13 @@ def open_loop_curves(plant: DesignPlant, cascade: Cascade, period_s: float) -> O
 
 
 def span_s(cascade: Cascade) -> float:
-    """Time within which the loop has settled, from ``SPANS_S``.
-
-    Parameters
-    ----------
-    cascade : Cascade
-    """
+    """Time within which the loop has settled, from ``SPANS_S``."""
     slowest = max(1.0 / cascade.kpp_1_s, cascade.kp_nm_s_rad / cascade.ki_nm_rad / 3.0)
     return next((span for span in SPANS_S if span >= _TIME_CONSTANTS * slowest), SPANS_S[-1])
 
 
 def responses(plant: DesignPlant, cascade: Cascade, period_s: float, span: float) -> Responses:
-    """Steps at t = 0 of the linear loop, exactly sampled, every so many periods that some 240 are left.
-
-    Parameters
-    ----------
-    plant : DesignPlant
-        With its dead time.
-    cascade : Cascade
-    period_s : float, s
-        T of the controller.
-    span : float, s
-        That is shown.
-    """
+    """Steps at t = 0 of the linear loop over ``span`` s, exactly sampled, every so many periods that some 240 are left."""
     stride = max(round(span / period_s / _MOMENTS), 1)
     count = round(span / period_s / stride) + 1
     matrix, reference, torque = closed_loop_inputs(plant, cascade, period_s)
@@ -194,22 +169,13 @@ class Bench:
         self._untouched: SliderSetting | None = None
 
     def prefilters(self, payload_kg: float) -> dict[str, Prefilter]:
-        """The prefilters of the drive, laid out for this payload, by key.
-
-        Parameters
-        ----------
-        payload_kg : float
-        """
+        """The prefilters of the drive, laid out for this payload, by key."""
         plants = self._plants(payload_kg).proof.plants
         centre = min(plant.resonance_rad_s for plant in plants)
         return {key_of(p, centre): p for p in candidate_prefilters(plants, self.ground.structure, Specification())}
 
     def design(self, setting: SliderSetting) -> DesignResult:
         """The gains of the knobs on all variants.
-
-        Parameters
-        ----------
-        setting : SliderSetting
 
         Raises
         ------
@@ -231,10 +197,6 @@ class Bench:
     def shown(self, setting: SliderSetting) -> tuple[DesignResult, CascadeView, CascadeView]:
         """The design of a setting, its curves and those of the run's present design, over the same times.
 
-        Parameters
-        ----------
-        setting : SliderSetting
-
         Raises
         ------
         OutOfReach, UsageError
@@ -246,29 +208,14 @@ class Bench:
         return design, self._shown(design.cascade, design.margins, setting, span), self.present(setting, span)
 
     def present(self, setting: SliderSetting, span: float | None = None) -> CascadeView:
-        """The run's present design where the setting looks.
-
-        Parameters
-        ----------
-        setting : SliderSetting
-            For its payloads and its place.
-        span : float or None, s
-            Of the step responses; None for what the design itself needs.
-        """
+        """The run's present design where the setting looks, with step responses of ``span`` s; None for what the design itself needs."""
         cascade, place = self.ground.present, (setting.payload_kg, setting.shown_kg, setting.position_m)
         span = span or span_s(cascade)
         margins = self.once(("margins", setting.payload_kg), lambda: margins_on(cascade, self._plants(setting.payload_kg).proof))
         return self.once(("present", *place, span), lambda: self._shown(cascade, margins, setting, span))
 
     def path(self, cascade: Cascade, shown_kg: float) -> tuple[Sent, PredictedMove]:
-        """The move with the gains of a cascade and the feedforward of what is mounted, as ``verify`` sends and predicts it.
-
-        Parameters
-        ----------
-        cascade : Cascade
-        shown_kg : float
-            Mounted on the carriage.
-        """
+        """The move with the gains of a cascade and the feedforward of the mass mounted, as ``verify`` sends and predicts it."""
         ground = self.ground
         model = ground.model.with_values({"cart.mass": ground.model["cart.mass"] + shown_kg}) if shown_kg else ground.model
         known = cascade == ground.present and ground.driven is not None
@@ -277,14 +224,7 @@ class Bench:
         return sent, predict_sent(model, running, sent, ground.loop, time_s=ground.time_s)
 
     def tracked(self, cascade: Cascade, shown_kg: float) -> TrackingPrediction:
-        """The tracking error of :meth:`path`.
-
-        Parameters
-        ----------
-        cascade : Cascade
-        shown_kg : float
-            Mounted on the carriage.
-        """
+        """The tracking error of :meth:`path`."""
         ground = self.ground
         sent, path = self.path(cascade, shown_kg)
         wanted, carriage = path.reference_m, grid_of(sent.motor, ground.loop).in_loop(sent.carriage.position_m)
@@ -300,33 +240,17 @@ class Bench:
         )
 
     def drive(self, move: Trajectory) -> None:
-        """Another move whose error is predicted from now on.
-
-        Parameters
-        ----------
-        move : Trajectory, carriage
-        """
+        """Another move whose error is predicted from now on."""
         with self._lock:
             self.ground = replace(self.ground, move=move)
             self._kept = {key: kept for key, kept in self._kept.items() if key[0] != "tracked"}
 
     def present_tracked(self, shown_kg: float) -> TrackingPrediction:
-        """:meth:`tracked` of the run's present design.
-
-        Parameters
-        ----------
-        shown_kg : float
-            Mounted on the carriage.
-        """
+        """:meth:`tracked` of the run's present design."""
         return self.once(("tracked", shown_kg), lambda: self.tracked(self.ground.present, shown_kg))
 
     def reach(self, setting: SliderSetting) -> Reach:
-        """Range of each slider while the others stay, and advice where the setting has no design.
-
-        Parameters
-        ----------
-        setting : SliderSetting
-        """
+        """Range of each slider while the others stay, and advice where the setting has no design."""
         prefilter, lag, plants = self._prefilter(setting), setting.velocity_filter_s, self._plants(setting.payload_kg)
         table = self.once(("table", setting.payload_kg, prefilter, lag), lambda: _table_of(plants, prefilter, lag))
         return _reach_of(table, setting, plants, prefilter)
@@ -334,12 +258,7 @@ class Bench:
     def start(self, payload_kg: float, position_m: float) -> SliderSetting:
         """The setting at which the sliders give the run's present design, as nearly as they can.
 
-        Parameters
-        ----------
-        payload_kg : float
-            Largest that the design must take.
-        position_m : float, carriage
-            Where the curves are looked at.
+        ``payload_kg`` is the largest that the design must take; the curves are looked at with the carriage at ``position_m``.
         """
         cascade = self.ground.present
         centre = min(plant.resonance_rad_s for plant in self._plants(payload_kg).proof.plants)
@@ -353,13 +272,7 @@ class Bench:
         return placed
 
     def standing(self, setting: SliderSetting, margins: tuple[Margins, ...]) -> SliderSetting:
-        """The setting with the knobs where they give gains of these margins back, a little inside what is possible where they must be.
-
-        Parameters
-        ----------
-        setting : SliderSetting
-        margins : tuple of Margins
-        """
+        """The setting with the knobs where they give gains of these margins back, a little inside what is possible where they must be."""
         worst = worst_of(margins)
         for inside in _INSIDE:
             wanted = Knobs(worst.phase_margin_deg - inside, worst.position_phase_margin_deg - inside, worst.suppression_db - 0.3 * inside)
@@ -372,14 +285,7 @@ class Bench:
         return placed
 
     def best(self, setting: SliderSetting, asked: Specification) -> SliderSetting | None:
-        """The setting of the stiffest loop that meets a specification with one of its prefilters; None where there is none.
-
-        Parameters
-        ----------
-        setting : SliderSetting
-            For its payloads and its place.
-        asked : Specification
-        """
+        """The setting of the stiffest loop that meets a specification with one of its prefilters; None where there is none."""
         plants = self._plants(setting.payload_kg)
         found = best_cascade(plants.search, plants.proof, self.ground.structure, asked)
         if found is None:
@@ -418,14 +324,7 @@ class Bench:
         return known[setting.prefilter]
 
     def once(self, key: tuple[Any, ...], make: Callable[[], T]) -> T:
-        """Value of ``make``, made once; whoever comes meanwhile waits.
-
-        Parameters
-        ----------
-        key : tuple
-            Its first entry is the kind, which a new move may drop.
-        make : callable
-        """
+        """Value of ``make``, made once; whoever comes meanwhile waits.   A new move may drop a kind, the first entry of ``key``."""
         with self._lock:
             lock = self._locks.setdefault(key, threading.Lock())
         with lock:

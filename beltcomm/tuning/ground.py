@@ -111,12 +111,7 @@ class SliderSetting:
         return self.payload_kg if self.loaded else 0.0
 
     def turned(self, knobs: Knobs) -> SliderSetting:
-        """Setting with other knobs.
-
-        Parameters
-        ----------
-        knobs : Knobs
-        """
+        """Setting with other knobs."""
         return replace(
             self,
             phase_margin_deg=knobs.phase_margin_deg,

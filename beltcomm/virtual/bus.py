@@ -41,12 +41,7 @@ class WallClock(Protocol):
         ...
 
     def sleep_until(self, t_s: float) -> None:
-        """Return when ``now() >= t_s``.
-
-        Parameters
-        ----------
-        t_s : float
-        """
+        """Return when ``now() >= t_s``."""
         ...
 
 
@@ -66,12 +61,7 @@ class Node(Protocol):
         ...
 
     def begin_tick(self, tick: int) -> None:
-        """Virtual time has become so many ticks of the bus.
-
-        Parameters
-        ----------
-        tick : int
-        """
+        """Virtual time has become so many ticks of the bus."""
         ...
 
     def finish_tick(self) -> None:
@@ -165,12 +155,7 @@ class LockstepBus(can.BusABC):
         self._wall_start_s = wall_clock.now() if wall_clock else 0.0
 
     def attach(self, node: Node) -> None:
-        """Connect a node; it starts at the present tick.
-
-        Parameters
-        ----------
-        node : Node
-        """
+        """Connect a node; it starts at the present tick."""
         self._nodes.append(node)
         node.begin_tick(self.tick)
 
@@ -188,15 +173,7 @@ class LockstepBus(can.BusABC):
                 self._to_nodes(*cargo) if direction == "to node" else self._to_host(*cargo)
 
     def transmit(self, sender: Node, identifier: int, data: bytes) -> None:
-        """Put a node's frame on the bus: to the other nodes at once, to the host through its queue.
-
-        Parameters
-        ----------
-        sender : Node
-            Does not hear it.
-        identifier : int
-        data : bytes
-        """
+        """Put a node's frame on the bus: to the other nodes at once, to the host through its queue."""
         now_s = self.tick / self.ticks_per_second
         if self.on_frame is not None:
             self.on_frame((now_s, identifier, data, "node"))
@@ -292,10 +269,6 @@ class TimedLine(Generic[Cargo]):
     def alive(self, tick: int) -> None:
         """The host does something.
 
-        Parameters
-        ----------
-        tick : int
-
         Raises
         ------
         HostDied
@@ -307,10 +280,6 @@ class TimedLine(Generic[Cargo]):
 
     def interface(self, tick: int) -> None:
         """It uses its interface.
-
-        Parameters
-        ----------
-        tick : int
 
         Raises
         ------
@@ -325,39 +294,14 @@ class TimedLine(Generic[Cargo]):
             raise can.CanOperationError("the controller is in the state bus-off")
 
     def ahead_s(self, tick: int, stamps: bool = False) -> float:
-        """Lead of the host's clock over virtual time.
-
-        Parameters
-        ----------
-        tick : int
-        stamps : bool
-            Of the clock that stamps frames.
-
-        Returns
-        -------
-        float, s
-            0 before the jump.
-        """
+        """Lead of the host's clock, or with ``stamps`` of the one that stamps frames, over virtual time; 0 before the jump."""
         faults = self.faults
         if faults.clock_jump_at_s is None or tick / self._per_second < faults.clock_jump_at_s:
             return 0.0
         return faults.clock_jump_s if stamps or not faults.stamps_only else 0.0
 
     def carry(self, direction: Direction, identifier: int, cargo: Cargo, tick: int) -> list[Cargo]:
-        """Put a frame in.
-
-        Parameters
-        ----------
-        direction : Direction
-        identifier : int
-        cargo : Cargo
-        tick : int
-
-        Returns
-        -------
-        list of Cargo
-            Frames that arrive now, before all else this one.
-        """
+        """Put a frame in; the frames that arrive now, before all else this one."""
         faults, now_s = self.faults, tick / self._per_second
         if _during(now_s, faults.off_from_s, faults.off_until_s) or _during(now_s, faults.silent_from_s, faults.silent_until_s):
             return []
@@ -374,12 +318,7 @@ class TimedLine(Generic[Cargo]):
         return [cargo, *([cargo] if what == "doubled" else []), *passed]
 
     def due(self, tick: int) -> list[tuple[Direction, Cargo]]:
-        """The frames that were held back until now.
-
-        Parameters
-        ----------
-        tick : int
-        """
+        """The frames that were held back until now."""
         if not self._late:
             return []
         now = [(direction, cargo) for when, direction, cargo in self._late if when <= tick]

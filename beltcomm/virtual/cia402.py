@@ -39,13 +39,7 @@ class Guidance:
         self._on_at_s: float | None = None
 
     def follow(self, controlword: int, now_s: float) -> None:
-        """Follow this controlword as far as it leads.
-
-        Parameters
-        ----------
-        controlword : int
-        now_s : float
-        """
+        """Follow this controlword as far as it leads."""
         command, machine = _decode(controlword), self._machine
         if machine.state == DriveState.OPERATION_ENABLED:
             option = self._options.get(command)
@@ -66,30 +60,12 @@ class Guidance:
         machine.control(controlword)
 
     def pass_tick(self, controlword: int, now_s: float) -> None:
-        """The stage may be on by now.
-
-        Parameters
-        ----------
-        controlword : int
-            The last one.
-        now_s : float
-        """
+        """The stage may be on by now."""
         if self._on_at_s is not None and now_s >= self._on_at_s:
             self._machine.control(controlword)
 
     def brake(self, controlword: int) -> float:
-        """Torque setpoint of a tick while ``ramping``.
-
-        Parameters
-        ----------
-        controlword : int
-            To follow once the ramp is done.
-
-        Returns
-        -------
-        float, N m
-            Motor shaft.
-        """
+        """Torque setpoint of a tick while ``ramping``, N m, motor shaft; the controlword is followed once the ramp is done."""
         torque_nm = self._stop.step()
         if self._stop.done:
             self.ramping = False
@@ -157,13 +133,7 @@ _STATUS_BITS = {
 
 
 def _decode(controlword: int) -> Command:
-    """The command in the bits 3 to 0 (a fault reset is an edge and not decoded here).
-
-    Parameters
-    ----------
-    controlword : int
-        6040h.
-    """
+    """The command in the bits 3 to 0 of 6040h (a fault reset is an edge and not decoded here)."""
     if not controlword & 0x02:
         return Command.DISABLE_VOLTAGE
     if not controlword & 0x04:
@@ -201,12 +171,7 @@ class DriveStateMachine:
         self._go(1, DriveState.SWITCH_ON_DISABLED)
 
     def control(self, controlword: int) -> None:
-        """Follow the level of the controlword as far as it leads; done on each write and each tick.
-
-        Parameters
-        ----------
-        controlword : int
-        """
+        """Follow the level of the controlword as far as it leads; done on each write and each tick."""
         command = _decode(controlword)
         while (found := TRANSITIONS.get((self.state, command))) is not None:
             if found[0] == 16 and not self.quick_stop_holds:
@@ -219,13 +184,7 @@ class DriveStateMachine:
             self._go(15, DriveState.SWITCH_ON_DISABLED)
 
     def fault(self, coast: bool) -> None:
-        """A fault: transition 13, and 14 at once with ``coast`` or when the stage is off.
-
-        Parameters
-        ----------
-        coast : bool
-            The stage must not brake.
-        """
+        """A fault: transition 13, and 14 at once with ``coast`` or when the stage is off."""
         if self.state == DriveState.FAULT:
             return
         must_brake = self.powered and not coast

@@ -162,69 +162,27 @@ class ObjectDictionary:
         self._indices = {index for (index, _), entry in self._entries.items() if entry.row.access != "none"}
 
     def entry(self, index: int, subindex: int = 0) -> ObjectEntry:
-        """One entry, seen or not, for the drive itself.
-
-        Parameters
-        ----------
-        index : int
-        subindex : int
-        """
+        """One entry, seen or not, for the drive itself."""
         return self._entries[index, subindex]
 
     def has(self, index: int, subindex: int = 0) -> bool:
-        """True if the drive has this object, or the quantity without one.
-
-        Parameters
-        ----------
-        index : int
-        subindex : int
-        """
+        """True if the drive has this object, or the quantity without one."""
         return (index, subindex) in self._entries
 
     def seen(self, index: int, subindex: int = 0) -> ObjectEntry:
-        """One entry as a master sees it.
-
-        Parameters
-        ----------
-        index : int
-        subindex : int
-
-        Raises
-        ------
-        SdoAbort
-            When there is none.
-        """
+        """One entry as a master sees it; raises SdoAbort when there is none."""
         found = self._entries.get((index, subindex))
         if found is None or found.row.access == "none":
             raise SdoAbort(SdoAbort.NO_SUBINDEX if index in self._indices else SdoAbort.NO_OBJECT)
         return found
 
     def alias(self, index: int, subindex: int, other: ObjectEntry) -> None:
-        """Give a quantity a second number.
-
-        Parameters
-        ----------
-        index : int
-        subindex : int
-        other : ObjectEntry
-            Both numbers lead to it.
-        """
+        """Give a quantity a second number, so that both lead to the entry ``other``."""
         self._entries[index, subindex] = _Alias(index, subindex, other)
         self._indices.add(index)
 
     def read(self, index: int, subindex: int) -> bytes:
-        """Value as the bytes of an upload.
-
-        Parameters
-        ----------
-        index : int
-        subindex : int
-
-        Raises
-        ------
-        SdoAbort
-            When there is none, or none to read.
-        """
+        """Value as the bytes of an upload; raises SdoAbort when there is none, or none to read."""
         entry = self.seen(index, subindex)
         row = entry.row
         if row.access == "wo":
@@ -234,20 +192,9 @@ class ObjectDictionary:
         return struct.pack(row.code, entry.value)
 
     def write(self, index: int, subindex: int, data: bytes, sized: bool = True) -> None:
-        """Store the bytes of a download.
+        """Store the bytes of a download, whose length the client has told where it is ``sized``.
 
-        Parameters
-        ----------
-        index : int
-        subindex : int
-        data : bytes
-        sized : bool
-            False: the client has not told the length.
-
-        Raises
-        ------
-        SdoAbort
-            When there is none, none to write, or another length.
+        Raises SdoAbort when there is no such object, none to write, or another length.
         """
         entry = self.seen(index, subindex)
         row = entry.row
@@ -262,18 +209,7 @@ class ObjectDictionary:
             entry.changed()
 
     def store(self, entry: ObjectEntry, value: Any) -> None:
-        """Check a written value against range and drive state and keep it; ``changed`` is not called.
-
-        Parameters
-        ----------
-        entry : ObjectEntry
-        value : Any
-
-        Raises
-        ------
-        SdoAbort
-            When it must not be so, or not now.
-        """
+        """Check a written value against range and drive state and keep it, or raise SdoAbort; ``changed`` is not called."""
         row = entry.row
         if row.when != "any" and self.stage_on and (row.when == "off" or self.moving):
             raise SdoAbort(SdoAbort.WRONG_STATE)
@@ -306,24 +242,14 @@ class ObjectDictionary:
     def load(self, stored: NonVolatile, communication_only: bool = False) -> None:
         """Values after power-on or reset: what was saved, defaults for the rest.  No ``changed`` is called.
 
-        Parameters
-        ----------
-        stored : NonVolatile
-        communication_only : bool
-            Only the parameters of CiA 301, as after a reset of the communication.
+        With ``communication_only`` those of CiA 301 alone, as after a reset of the communication.
         """
         for key, entry in self._entries.items():
             if not communication_only or (key[0] < 0x2000 and entry.row.stored):
                 entry.value = stored.get(key, entry.row.default)
 
     def save(self, stored: NonVolatile) -> None:
-        """Keep every stored object's value.
-
-        Parameters
-        ----------
-        stored : NonVolatile
-            Emptied before.
-        """
+        """Keep every stored object's value, and nothing from before."""
         stored.clear()
         stored.update({key: entry.value for key, entry in self._entries.items() if entry.row.stored})
 

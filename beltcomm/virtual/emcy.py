@@ -54,13 +54,7 @@ class ErrorRegister:
         self._active: set[int] = set()
 
     def raise_error(self, code: int) -> None:
-        """A fault of the drive: register, list, 603Fh and one message.
-
-        Parameters
-        ----------
-        code : int
-            Of the emergency message.
-        """
+        """A fault of the drive: register, list, 603Fh and one message."""
         if code in self._active:
             return
         self._active.add(code)
@@ -70,13 +64,7 @@ class ErrorRegister:
         self._send(struct.pack("<HB5x", code, self._register.value))
 
     def report(self, code: int) -> None:
-        """Something went wrong once and is over: a message and a line in the list, no fault.
-
-        Parameters
-        ----------
-        code : int
-            Of the emergency message.
-        """
+        """Something went wrong once and is over: a message and a line in the list, no fault."""
         self._note(code)
         self._send(struct.pack("<HB5x", code, self._register.value | _register_bits(code)))
 

@@ -124,54 +124,20 @@ class Loops:
         return float(value.value * 10.0**power.value)
 
     def set_zero(self, shift_counts: int) -> None:
-        """The user's position is the encoder's count plus this, times units per count.
-
-        Parameters
-        ----------
-        shift_counts : int
-        """
+        """The user's position is the encoder's count plus this, times units per count."""
         self.shift_counts = shift_counts
         self._shift_rad = shift_counts * math.tau / self._counts_per_rev
 
     def angle_of(self, position: float) -> float:
-        """Encoder angle of a user position.
-
-        Parameters
-        ----------
-        position : float, user units
-
-        Returns
-        -------
-        float, rad
-            Motor shaft.
-        """
+        """Encoder angle, rad, motor shaft, of a user position."""
         return position * self._rad_per_unit - self._shift_rad
 
     def position_of(self, angle_rad: float) -> float:
-        """User position of an encoder angle.
-
-        Parameters
-        ----------
-        angle_rad : float, motor shaft
-
-        Returns
-        -------
-        float, user units
-        """
+        """User position of an encoder angle, motor shaft."""
         return (angle_rad + self._shift_rad) * self.scaling.position
 
     def acceleration(self, entry: ObjectEntry) -> float:
-        """Value of an acceleration object.
-
-        Parameters
-        ----------
-        entry : ObjectEntry
-
-        Returns
-        -------
-        float, rad/s²
-            Motor shaft.
-        """
+        """Value of an acceleration object, rad/s², motor shaft."""
         return self.scaling.acceleration_of(entry.value)
 
     def halt_deceleration(self) -> float:
@@ -181,12 +147,7 @@ class Loops:
         return self.acceleration(entry(0x6085 if quick else 0x6084))
 
     def within_limits(self, position: float) -> float:
-        """A user position, cut to the software limits 607Dh while they are on.
-
-        Parameters
-        ----------
-        position : float, user units
-        """
+        """A user position, cut to the software limits 607Dh while they are on."""
         lower, upper = self._limits[0].value, self._limits[1].value
         if lower <= position <= upper or lower >= upper:
             return position
@@ -209,17 +170,7 @@ class Loops:
         self.asked_rad_s: float | None = None
 
     def torque(self, torque_nm: float) -> float:
-        """Torque with all loops open.
-
-        Parameters
-        ----------
-        torque_nm : float, motor shaft
-
-        Returns
-        -------
-        float, N m
-            That acts: the torque itself, limited.
-        """
+        """Torque that acts with all loops open, N m: the torque itself, limited."""
         self._closed, self.asked_rad_s = False, None
         if abs(torque_nm) >= self.limit_nm:
             torque_nm = math.copysign(self.limit_nm, torque_nm)
@@ -228,40 +179,15 @@ class Loops:
         return torque_nm
 
     def velocity(self, speed_rad_s: float, acceleration_rad_s2: float, extra_nm: float = 0.0) -> float:
-        """Velocity loop on a reference.
-
-        Parameters
-        ----------
-        speed_rad_s : float, motor shaft
-        acceleration_rad_s2 : float
-        extra_nm : float, motor shaft
-            Added behind the controller.
-
-        Returns
-        -------
-        float, N m
-            Torque setpoint.
-        """
+        """Torque setpoint, N m, of the velocity loop on a reference; ``extra_nm`` is added behind the controller."""
         self._close()
         self.asked_rad_s = speed_rad_s
         return self._decide(velocity_step(self._coefficients, self._state, speed_rad_s, acceleration_rad_s2, self.angle_rad, extra_nm))
 
     def position(self, angle_rad: float, speed_rad_s: float, acceleration_rad_s2: float, extra_nm: float = 0.0) -> float:
-        """Position cascade on a reference.
+        """Torque setpoint, N m, of the position cascade on a reference in angles of the encoder, not from the user's zero.
 
-        Parameters
-        ----------
-        angle_rad : float, motor shaft
-            Of the encoder, not of the user's zero.
-        speed_rad_s : float
-        acceleration_rad_s2 : float
-        extra_nm : float, motor shaft
-            Added behind the controller.
-
-        Returns
-        -------
-        float, N m
-            Torque setpoint.
+        ``extra_nm`` is added behind the controller.
         """
         self._close()
         self.demand_rad = angle_rad
@@ -279,12 +205,7 @@ class Loops:
         )
 
     def begin_ramp(self, speed_rad_s: float) -> None:
-        """Begin a reference without feedforward of its acceleration: the end of the one before is none either.
-
-        Parameters
-        ----------
-        speed_rad_s : float, motor shaft
-        """
+        """Begin a reference without feedforward of its acceleration: the end of the one before is none either."""
         begin_ramp(self._state, speed_rad_s)
 
     def _on_factor(self) -> None:

@@ -38,12 +38,7 @@ class OperationMode:
         """Take the axis over as it moves now."""
 
     def control(self, controlword: int) -> None:
-        """A controlword was written while the operation is enabled.
-
-        Parameters
-        ----------
-        controlword : int
-        """
+        """A controlword was written while the operation is enabled."""
         self.controlword = controlword
 
     def step(self) -> float:
@@ -55,13 +50,7 @@ class OperationMode:
         return 0
 
     def object(self, index: int, subindex: int = 0) -> ObjectEntry:
-        """An object in user units, looked up once.
-
-        Parameters
-        ----------
-        index : int
-        subindex : int
-        """
+        """An object in user units, looked up once."""
         return self.loops.dictionary.entry(index, subindex)
 
 

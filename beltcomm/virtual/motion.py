@@ -85,14 +85,7 @@ class ReferenceProfile:
         self.run([])
 
     def run(self, segments: list[Segment], end: float | None = None) -> None:
-        """Follow segments from the present reference on.
-
-        Parameters
-        ----------
-        segments : list of Segment
-        end : float or None, rad, motor shaft
-            Exact end position; None where the segments tell it.
-        """
+        """Follow segments from the present reference on, to the exact position ``end``, rad, motor shaft; None where they tell it."""
         self._segments = segments
         self._end = end
         self._start = (self.position, self.speed)
@@ -135,16 +128,7 @@ class Ramp:
         self.slope = 0.0
 
     def step(self, target: float, rising: float, falling: float) -> None:
-        """One tick towards a target; passing zero takes no time.
-
-        Parameters
-        ----------
-        target : float
-        rising : float, per second
-            Slope away from zero, above 0.
-        falling : float, per second
-            Slope towards zero, above 0.
-        """
+        """One tick towards a target, with slopes per second away from zero and towards it; passing zero takes no time."""
         before = value = self.value
         left = self._tick_s
         if value * target < 0.0 or abs(target) < abs(value):
@@ -172,15 +156,7 @@ class Interpolator:
         self._left = 0
 
     def step(self, position: float, speed: float, ticks: int) -> None:
-        """One tick towards the present setpoint.
-
-        Parameters
-        ----------
-        position : float
-        speed : float
-        ticks : int
-            In which a new setpoint is reached.
-        """
+        """One tick towards the present setpoint; a new one is reached in so many ticks."""
         if position != self._target_position or speed != self._target_speed:
             self._target_position, self._target_speed = position, speed
             self._left = ticks

@@ -65,13 +65,7 @@ class Nmt:
         self._heartbeat_deadline: float | None = None
 
     def command(self, data: bytes) -> None:
-        """A frame with identifier 0.
-
-        Parameters
-        ----------
-        data : bytes
-            Command specifier, node; node 0 is all.
-        """
+        """A frame with identifier 0: command specifier, then the node, 0 for all."""
         if len(data) != 2 or data[1] not in (0, self._node_id) or self.state == BOOTING:
             return
         if data[0] in _STATE_AFTER:
@@ -87,12 +81,7 @@ class Nmt:
             self._reset(data[0] == RESET_NODE)
 
     def tick(self, tick: int) -> None:
-        """Do all that the time makes due: boot-up, heartbeat, loss of the master.
-
-        Parameters
-        ----------
-        tick : int
-        """
+        """Do all that the time makes due: boot-up, heartbeat, loss of the master."""
         self._tick = tick
         if self.state == BOOTING:
             if self._boot_left > 0:
@@ -125,12 +114,7 @@ class Nmt:
         self._guard_deadline = self._tick + life_time if life_time else None
 
     def heard(self, node_id: int) -> None:
-        """A heartbeat of another node; the one named in 1016h is watched from its first on.
-
-        Parameters
-        ----------
-        node_id : int
-        """
+        """A heartbeat of another node; the one named in 1016h is watched from its first on."""
         watched = self._consumer.value
         if watched >> 16 & 0x7F == node_id and watched & 0xFFFF and self.state != BOOTING:
             self._heartbeat_deadline = self._tick + (watched & 0xFFFF) * self._per_ms

@@ -40,7 +40,6 @@ def parameter(
     Parameters
     ----------
     index, subindex : int
-        Place in the dictionary.
     kind : str
         Data type.
     default : float

@@ -309,12 +309,7 @@ class PdoSet:
         self._sort()
 
     def set_operational(self, operational: bool) -> None:
-        """PDOs live in the NMT state operational only; what was waiting is forgotten.
-
-        Parameters
-        ----------
-        operational : bool
-        """
+        """PDOs live in the NMT state operational only; what was waiting is forgotten."""
         self._operational = operational
         for pdo in (*self._receive, *self._transmit):
             pdo.restart()
@@ -333,12 +328,7 @@ class PdoSet:
             call()
 
     def on_tick(self, tick: int) -> None:
-        """Event-driven transmit PDOs.
-
-        Parameters
-        ----------
-        tick : int
-        """
+        """Event-driven transmit PDOs."""
         for pdo in self._event_transmit:
             pdo.on_tick(tick)
 

@@ -41,13 +41,7 @@ class UserUnits:
     ramp_to_rad_s: float = 0.0
 
     def acceleration_of(self, value: float) -> float:
-        """An acceleration object's value in rad/s².
-
-        Parameters
-        ----------
-        value : float, user units
-            A time where the drive states ramps as times.
-        """
+        """An acceleration object's value in rad/s²: a time where the drive states ramps as times."""
         if self.ramp_to_rad_s:
             return 1e3 * self.ramp_to_rad_s / max(value, 1.0)
         return value / self.acceleration

@@ -37,7 +37,6 @@ def abort_of(index: int, subindex: int, code: int) -> bytes:
     Parameters
     ----------
     index, subindex : int
-        Place in the dictionary.
     code : int
         SDO abort code.
     """
@@ -61,12 +60,7 @@ class SdoServer:
         self._toggle = 0
 
     def answer(self, request: bytes) -> list[bytes]:
-        """The answer to a request of 8 bytes; nothing to what needs none (an abort, a frame of another length).
-
-        Parameters
-        ----------
-        request : bytes
-        """
+        """The answer to a request of 8 bytes; nothing to what needs none (an abort, a frame of another length)."""
         if len(request) != 8:
             return []
         command = request[0] >> 5
@@ -190,18 +184,7 @@ class BlockDownload:
         self.done = False
 
     def take(self, request: bytes) -> list[bytes]:
-        """A segment, or the end of the transfer.
-
-        Parameters
-        ----------
-        request : bytes
-            8 bytes.
-
-        Returns
-        -------
-        list of bytes
-            Answers, empty within a block.
-        """
+        """A segment, or the end of the transfer; answers, none within a block."""
         if self._complete:
             return self._end(request)
         number = request[0] & 0x7F
@@ -249,18 +232,7 @@ class BlockUpload:
         self.done = False
 
     def take(self, request: bytes) -> list[bytes]:
-        """Start of the transfer, acknowledgement of a block, or of the end.
-
-        Parameters
-        ----------
-        request : bytes
-            8 bytes.
-
-        Returns
-        -------
-        list of bytes
-            A block, its end, or nothing.
-        """
+        """Start of the transfer, acknowledgement of a block, or of the end; answered with a block, its end, or nothing."""
         command = request[0]
         if self._ending and command == 0xA1:
             self.done = True

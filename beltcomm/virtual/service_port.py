@@ -109,27 +109,14 @@ class ServicePort:
     # -- the host's end -------------------------------------------------------------------------------------------------
 
     def send(self, data: bytes, bitrate: int) -> None:
-        """Characters from the host, one after the other at its own bit rate; at another than the drive's they arrive as others.
-
-        Parameters
-        ----------
-        data : bytes
-        bitrate : int
-            Of the host.
-        """
+        """Characters from the host, one after the other at its own bit rate; at another than the drive's they arrive as others."""
         start_s = max(self._now_s, self._incoming[-1][0] if self._incoming else 0.0)
         for count, character in enumerate(data, start=1):
             heard = character if bitrate == self.bitrate else self._random.randrange(256)
             self._incoming.append((start_s + count * BITS_PER_CHARACTER / bitrate, self._spoilt(heard)))
 
     def take(self, bitrate: int) -> bytes:
-        """Characters that have reached a host that listens at a bit rate.
-
-        Parameters
-        ----------
-        bitrate : int
-            Of the host.
-        """
+        """Characters that have reached a host that listens at a bit rate."""
         taken = bytearray()
         while self._outgoing and self._outgoing[0][0] <= self._now_s + 1e-9:
             _, character, sent_at = self._outgoing.popleft()
@@ -234,32 +221,12 @@ class LockstepPort:
         self._open = True
 
     def write(self, data: bytes) -> None:
-        """Send.
-
-        Parameters
-        ----------
-        data : bytes
-
-        Raises
-        ------
-        OSError
-            After :meth:`close`.
-        """
+        """Send; raises OSError after :meth:`close`."""
         self._check()
         self._port.send(data, self.bitrate)
 
     def read(self, timeout_s: float) -> bytes:
-        """Characters that have come; virtual time runs until some have, at most ``timeout_s``.
-
-        Parameters
-        ----------
-        timeout_s : float
-
-        Raises
-        ------
-        OSError
-            After :meth:`close`.
-        """
+        """Characters that have come; virtual time runs until some have, at most ``timeout_s``.  Raises OSError after :meth:`close`."""
         self._check()
         end_s = self._bus.clock.now() + timeout_s
         while not (data := self._port.take(self.bitrate)) and self._bus.clock.now() < end_s - 1e-9:
@@ -292,12 +259,7 @@ class AsciiInterpreter:
         self._reset = reset
 
     def answer(self, line: str) -> str | None:
-        """The answer to a line without its end; None to what is not answered.
-
-        Parameters
-        ----------
-        line : str
-        """
+        """The answer to a line without its end; None to what is not answered."""
         if found := _READ.fullmatch(line):
             return self._read(int(found[1], 16), int(found[2], 16))
         if found := _WRITE.fullmatch(line):
@@ -359,13 +321,7 @@ class PseudoTerminal:
         self.path = pair.path
 
     def serve(self, goes_on: Callable[[], bool]) -> None:
-        """Carry characters and let time pass while ``goes_on()``.
-
-        Parameters
-        ----------
-        goes_on : callable
-            Asked before each step.
-        """
+        """Carry characters and let time pass while ``goes_on()``, asked before each step."""
         while goes_on():
             self.step()
 

@@ -28,21 +28,11 @@ class CanInterface(Protocol):
     """A CAN interface: one of python-can's, or :class:`beltcomm.virtual.slcan.SlcanAdapter`."""
 
     def recv(self, timeout: float) -> can.Message | None:
-        """The next frame of another process; None when none came in time.
-
-        Parameters
-        ----------
-        timeout : float, s
-        """
+        """The next frame of another process; None when none came in time."""
         ...
 
     def send(self, message: can.Message) -> None:
-        """Put a frame on the bus.
-
-        Parameters
-        ----------
-        message : can.Message
-        """
+        """Put a frame on the bus."""
         ...
 
 

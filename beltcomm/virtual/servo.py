@@ -170,12 +170,7 @@ class Servo:
         self._on_mode()
 
     def latch(self, tick: int) -> None:
-        """t_k: sample, supervise, publish.
-
-        Parameters
-        ----------
-        tick : int
-        """
+        """t_k: sample, supervise, publish."""
         now_s = self._now_s = tick / self._ticks_per_second
         loops, stage, encoder, dictionary = self._loops, self._stage, self._encoder, self._dictionary
         before = encoder.angle_rad
@@ -251,27 +246,13 @@ class Servo:
         self._stage.run(torque_nm, self._now_s)
 
     def fault(self, code: int, coast: bool) -> None:
-        """Go into fault with this EMCY code.
-
-        Parameters
-        ----------
-        code : int
-            Of the emergency message.
-        coast : bool
-            The stage does not brake.
-        """
+        """Go into fault with this EMCY code; with ``coast`` the stage does not brake."""
         self._errors.raise_error(code)
         self.machine.fault(coast)
         self._publish_status()
 
     def communication_lost(self, code: int) -> None:
-        """The master is gone or has stopped the node: a fault while the motor carries torque, else only a message.
-
-        Parameters
-        ----------
-        code : int
-            Of the emergency message.
-        """
+        """The master is gone or has stopped the node: a fault while the motor carries torque, else only a message."""
         if self._faults.guarding_ignored and code == Code.LIFE_GUARD:
             return
         option = _FAULT if self._loss is None else self._loss.value

@@ -44,17 +44,7 @@ class ByteLine(Protocol):
         ...
 
     def write(self, data: bytes) -> int:
-        """Send.
-
-        Parameters
-        ----------
-        data : bytes
-
-        Returns
-        -------
-        int
-            Bytes that were taken.
-        """
+        """Send; returns the number of bytes taken."""
         ...
 
     def forget(self) -> None:
@@ -196,12 +186,7 @@ class SlcanAdapter:
         self.lost = 0
 
     def recv(self, timeout: float) -> can.Message | None:
-        """The next frame from the host; None when none is complete after it, or sooner.
-
-        Parameters
-        ----------
-        timeout : float, s
-        """
+        """The next frame from the host; None when none is complete after it, or sooner."""
         if not self._received:
             self._pass_on()
             readable, _, _ = select.select([self._line], [], [], max(timeout, 0.0))
@@ -210,12 +195,7 @@ class SlcanAdapter:
         return self._received.popleft() if self._received else None
 
     def send(self, message: can.Message) -> None:
-        """A frame to the host, while the channel is open.
-
-        Parameters
-        ----------
-        message : can.Message
-        """
+        """A frame to the host, while the channel is open."""
         if not self._open:
             return
         if len(self._waiting) > _LONGEST_QUEUE:

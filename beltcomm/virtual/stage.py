@@ -86,17 +86,8 @@ class TorqueDelivery:
         self._state = np.zeros(self._order + 1)
 
     def shape(self, setpoints: Pieces) -> Pieces:
-        """The torque of a tick.
-
-        Parameters
-        ----------
-        setpoints : list of (float, float)
-            Setpoints that arrive in this tick, N m, and their shares of it.
-
-        Returns
-        -------
-        list of (float, float)
-            Mean torques, N m, of pieces of at most 1/``PIECES_PER_TICK``; fewer where nothing changes.
+        """Mean torques, N m, of pieces of a tick of at most 1/``PIECES_PER_TICK``, fewer where nothing changes, by setpoints, N m, and
+        their shares of it.
         """
         pieces: Pieces = []
         for setpoint_nm, share in setpoints:
@@ -215,13 +206,7 @@ class TorqueReading:
         self._filtered = 0.0
 
     def sample(self, pieces: Pieces) -> float:
-        """The reading at the end of a tick, N m.
-
-        Parameters
-        ----------
-        pieces : list of (float, float)
-            Torque of the tick, N m, and shares.
-        """
+        """The reading at the end of a tick, N m, by pieces of its torque, N m, and their shares."""
         value = self._mean(pieces)
         noise = self._noise.draw() if self._noise is not None else 0.0
         if self._inside:
@@ -241,13 +226,7 @@ class TorqueReading:
 
 
 def _mean_torque(pieces: Iterable[tuple[float, float]]) -> float:
-    """Mean over the tick, N m:  Σ torque · share.
-
-    Parameters
-    ----------
-    pieces : iterable of tuple of float
-        Torque, N m, and its share of the tick.
-    """
+    """Mean over the tick, N m:  Σ torque · share, for pieces of torque, N m, and share of the tick."""
     total = 0.0
     for torque_nm, share in pieces:
         total += share * torque_nm
@@ -326,13 +305,7 @@ class Brake:
         self._left, self._next_nm = 1 + self._ticks, 0.0
 
     def close(self, held: bool) -> None:
-        """The stage goes off.
-
-        Parameters
-        ----------
-        held : bool
-            The torque stays until the brake has closed.
-        """
+        """The stage goes off; ``held``: the torque stays until the brake has closed."""
         self._left, self._next_nm = 1 if held else 1 + self._ticks, self._torque_nm
 
     def pass_tick(self) -> None:
@@ -402,13 +375,7 @@ class PowerStage:
         self._brake.open()
 
     def switch_off(self, held: bool = False) -> None:
-        """No current from now on; setpoints on their way are lost.
-
-        Parameters
-        ----------
-        held : bool
-            But not before the brake has closed.
-        """
+        """No current from now on, with ``held`` once the brake has closed; setpoints on their way are lost."""
         self._on = False
         self._brake.close(held)
         self._on_the_way = deque([0.0] * self._delay_ticks)
@@ -418,15 +385,7 @@ class PowerStage:
             self._command.reset()
 
     def run(self, setpoint_nm: float, now_s: float) -> None:
-        """Let one tick pass.
-
-        Parameters
-        ----------
-        setpoint_nm : float, motor shaft
-            Decided at the begin of the tick.
-        now_s : float
-            Begin of the tick.
-        """
+        """Let one tick pass that begins at ``now_s`` with the setpoint decided there."""
         self._brake.pass_tick()
         self._on_the_way.append(setpoint_nm)
         old, new = self._acting_nm, self._on_the_way.popleft()
@@ -479,17 +438,7 @@ class Encoder:
         self.angle_rad = 0.0
 
     def latch(self, now_s: float) -> float:
-        """Take a sample.
-
-        Parameters
-        ----------
-        now_s : float
-
-        Returns
-        -------
-        float, rad
-            Motor shaft, whole counts.
-        """
+        """Take a sample: whole counts, rad, motor shaft."""
         faults = self._faults
         if faults.encoder_step_at_s is not None and now_s >= faults.encoder_step_at_s:
             self._jumped += faults.encoder_step_counts

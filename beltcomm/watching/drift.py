@@ -69,12 +69,7 @@ class AxisDrift:
             self._places.begin_anew()
 
     def add(self, move: JudgedMove) -> list[Standing]:
-        """One more move; how all stand now.
-
-        Parameters
-        ----------
-        move : JudgedMove
-        """
+        """One more move; how all stand now."""
         return self.add_told({**move.quantities, ERROR: MoveEstimate(move.ratio, move.ratio_interval)}, move.places)
 
     def add_told(self, told: Mapping[str, MoveEstimate], places: Mapping[int, MoveEstimate] | None = None) -> list[Standing]:

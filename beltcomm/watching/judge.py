@@ -154,13 +154,7 @@ class Judge:
         return replace(seen, fitted=tuple(replace(piece, own_noise=own or piece.own_noise) for piece in seen.fitted))
 
     def _fitted_to(self, moves: Sequence[Recording], kind: tuple[int, ...] = ()) -> Fitted:
-        """The run's model with what ages fitted to moves: from where the last ones left it; where that is astray, from elsewhere, too.
-
-        Parameters
-        ----------
-        kind : tuple of int
-            See ``_kind``.
-        """
+        """The run's model with what ages fitted to moves: from where the last ones left it; where that is astray, from elsewhere, too."""
 
         def best_of(*fits: Fitted) -> Fitted:
             return min(fits, key=lambda one: (not self._plausible(one), one.ratio))
@@ -191,17 +185,7 @@ class Judge:
         return [name for name in self.model.parameters if name not in self._names.values()]
 
     def judge(self, move: Recording) -> JudgedMove:
-        """One more move held against the fit of the run.
-
-        Parameters
-        ----------
-        move : Recording
-
-        Raises
-        ------
-        DataError
-            For one that holds nothing that counts.
-        """
+        """One more move held against the fit of the run; raises DataError for one that holds nothing that counts."""
         data = self.prepared([move])
         values = sum(len(piece.value_samples) for piece in data.fitted)
         if values < FEWEST_VALUES:
@@ -257,12 +241,7 @@ class Judge:
         return friction_at_places(fitted, self.width_m) if known and self.width_m is not None else {}
 
     def suspects(self, moves: Sequence[Recording]) -> list[tuple[str, str, float]]:
-        """Effects by which the error of these moves would fall most, by the score test: name, title, evidence.
-
-        Parameters
-        ----------
-        moves : sequence of Recording
-        """
+        """Effects by which the error of these moves would fall most, by the score test: name, title, evidence."""
         fitted = self._fitted_to(moves)
         scorer, ground = Scorer(fitted), ground_of(fitted, fitted.problem.pieces, self.axis)
         found = []
@@ -275,17 +254,7 @@ class Judge:
         return sorted(found, key=lambda one: -one[2])[:SUSPECTS]
 
     def start_of(self, position: float) -> float | None:
-        """Carriage position at a position of the drive, as in the run; None where the run does not tell or that is off the travel.
-
-        Parameters
-        ----------
-        position : float, rad, motor shaft
-            As the drive's log has it.
-
-        Returns
-        -------
-        float or None, m
-        """
+        """Carriage position, m, at a position of the drive, as in the run; None where the run does not tell or that is off the travel."""
         ratio = self.model.get("transmission.ratio")
         if self.zero_m is None or not ratio:
             return None

@@ -28,13 +28,7 @@ class Limit:
     absolute: bool = False
 
     def values(self, first: float) -> tuple[float | None, float | None]:
-        """Lower and upper limit in SI; None where there is none.
-
-        Parameters
-        ----------
-        first : float
-            Value of the first run.
-        """
+        """Lower and upper limit in SI, by the value of the first run; None where there is none."""
         if self.absolute:
             return self.low, self.high
         return tuple(None if share is None else first * (1.0 + share) for share in (self.low, self.high))  # type: ignore[return-value]

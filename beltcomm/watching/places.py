@@ -100,13 +100,7 @@ class PlaceDrift:
         self._last, self._first, self._base = {}, {}, {}
 
     def add(self, told: Mapping[int, MoveEstimate]) -> Standing:
-        """One more move; how the place stands whose friction has grown most surely.
-
-        Parameters
-        ----------
-        told : mapping of int to MoveEstimate
-            By the number of the place.
-        """
+        """One more move, by the number of the place; how the place stands whose friction has grown most surely."""
         for number, one in told.items():
             if number not in self._base:
                 first = self._first.setdefault(number, [])

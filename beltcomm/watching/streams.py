@@ -55,12 +55,7 @@ class BusStream:
         self.notes: tuple[str, ...] = ()
 
     def take(self, frames: Iterable[Heard]) -> None:
-        """Frames that have come.
-
-        Parameters
-        ----------
-        frames : iterable of Heard
-        """
+        """Frames that have come."""
         for frame in frames:
             self._came = True
             self._count += 1
@@ -104,13 +99,7 @@ class BusStream:
         self._came = True
 
     def forget(self, until_s: float) -> None:
-        """Drop the process data before this time: those moves are taken.
-
-        Parameters
-        ----------
-        until_s : float
-            On the clock of the frames.
-        """
+        """Drop the process data before this time on the clock of the frames: those moves are taken."""
         while self._others and self._others[0][1][0] < until_s - _KEPT_S_OF_BUS:
             self._others.popleft()
 
@@ -213,13 +202,7 @@ class GrowingLog:
         self._again, self._size = True, -1
 
     def forget(self, until_s: float) -> None:
-        """Leave out of the window what lies before this time on the stream's clock: those moves are taken.
-
-        Parameters
-        ----------
-        until_s : float
-            On the clock of the stream.
-        """
+        """Leave out of the window what lies before this time on the stream's clock: those moves are taken."""
         passed = [at for at, time_s in self._checkpoints if time_s <= until_s - _KEPT_S]
         if not passed or not self._lines:
             return

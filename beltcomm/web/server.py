@@ -150,7 +150,6 @@ def serve(page: PageFiles, answers: Answers, token: str, port: int = 0) -> Itera
     Parameters
     ----------
     page : PageFiles
-        Its files.
     answers : Answers
         What it may ask, by name.
     token : str

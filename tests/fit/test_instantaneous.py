@@ -15,9 +15,8 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import lfilter
 
 from beltcomm.fit.model_fit import fit_model
-from beltcomm.fit.torque.instantaneous import spline_cells, spline_noise
 from beltcomm.fit.torque.laws import DriveLaw, ReadingLaw
-from beltcomm.fit.torque.path import TorquePath, path_from_dict, path_to_dict
+from beltcomm.fit.torque.path import TorquePath, _spline_cells, _spline_noise, path_from_dict, path_to_dict
 from beltcomm.fit.torque.reading_fit import unlikely_readings
 from beltcomm.recording import Recording
 from beltcomm.recording.sidecar import ExcitationNote, Sidecar
@@ -85,21 +84,21 @@ def test_the_torque_of_a_faster_loop_changes_between_the_samples(with_setpoint: 
 def test_the_cells_are_means_of_the_spline_through_the_readings() -> None:
     torque, late = np.random.default_rng(4).normal(size=40), 0.3
     spline = make_interp_spline(np.arange(40), torque, bc_type="not-a-knot")
-    cells = spline_cells(torque, late, 8)
+    cells = _spline_cells(torque, late, 8)
     for period, cell in ((0, 0), (17, 3), (30, 7)):
         inside = period + (cell + (np.arange(400) + 0.5) / 400) / 8 + late
         assert cells[period, cell] == pytest.approx(float(np.mean(spline(inside))), abs=1e-6)
-    np.testing.assert_allclose(spline_cells(torque, -1.5, 4)[0, :2], torque[0])
-    np.testing.assert_allclose(spline_cells(torque, 1.5, 4)[-1], torque[-1])
-    np.testing.assert_array_equal(spline_cells(torque[:1], 0.1, 4), np.full((1, 4), torque[0]))  # a sample between two gaps
+    np.testing.assert_allclose(_spline_cells(torque, -1.5, 4)[0, :2], torque[0])
+    np.testing.assert_allclose(_spline_cells(torque, 1.5, 4)[-1], torque[-1])
+    np.testing.assert_array_equal(_spline_cells(torque[:1], 0.1, 4), np.full((1, 4), torque[0]))  # a sample between two gaps
 
 
 @pytest.mark.parametrize("pole", [0.0, 0.6])
 def test_the_noise_has_the_spectrum_that_the_residual_makes_of_it(pole: float) -> None:
-    colour = spline_noise(pole)
+    colour = _spline_noise(pole)
     impulse = np.zeros(512)
     impulse[256] = 1.0
-    cells = spline_cells(impulse, 0.0, 64)
+    cells = _spline_cells(impulse, 0.0, 64)
     rising = (np.arange(64) + 0.5) / 64**2
     answer = cells @ rising[::-1] + np.concatenate(([0.0], cells[:-1] @ rising))
     own = lfilter([math.sqrt(1.0 - pole**2)], [1.0, -pole], np.r_[1.0, np.zeros(511)])

@@ -10,7 +10,6 @@ import pytest
 from beltcomm.errors import UsageError
 from beltcomm.foreign.mapping import kept_columns, parse_source, sources_for
 from beltcomm.foreign.table import Table
-from beltcomm.recording.columns import KNOWN_COLUMNS
 
 NAMES = ("time", "Iq", "Iq_max", "enc", "pos-actual", "Drive/Speed [1/min]", "Lage (mm)", "cart_mm", "theta_m", "a*b", "t_us")
 TABLE = Table("log.csv", {name: np.arange(3.0) for name in NAMES}, {"time": "ms"})
@@ -40,7 +39,7 @@ TABLE = Table("log.csv", {name: np.arange(3.0) for name in NAMES}, {"time": "ms"
     ],
 )
 def test_a_mapping_is_read(text: str, theirs: str, scale: float, offset: float) -> None:
-    (source,) = (item for item in sources_for(TABLE, [text], KNOWN_COLUMNS).values() if item.column == text.partition("=")[0].strip())
+    (source,) = (item for item in sources_for(TABLE, [text]).values() if item.column == text.partition("=")[0].strip())
     assert (source.theirs, source.scale, source.offset) == (theirs, pytest.approx(scale), pytest.approx(offset))
 
 
@@ -67,25 +66,25 @@ def test_a_mapping_is_read(text: str, theirs: str, scale: float, offset: float) 
 )
 def test_a_mapping_that_cannot_be(text: str, sentence: str) -> None:
     with pytest.raises(UsageError, match=sentence):
-        sources_for(TABLE, [text], KNOWN_COLUMNS)
+        sources_for(TABLE, [text])
 
 
 def test_a_column_is_mapped_once() -> None:
     with pytest.raises(UsageError, match="torque_nm is already Iq"):
-        sources_for(TABLE, ["torque_nm=Iq*0.65", "torque_nm=Iq_max*0.65"], KNOWN_COLUMNS)
+        sources_for(TABLE, ["torque_nm=Iq*0.65", "torque_nm=Iq_max*0.65"])
 
 
 def test_columns_with_our_names_need_no_mapping_and_yield_to_one() -> None:
     table = Table("log.csv", {name: np.arange(3.0) for name in ("t_s", "torque_nm", "position_rad", "raw")})
-    sources = sources_for(table, ["position_rad=raw*deg"], KNOWN_COLUMNS)
+    sources = sources_for(table, ["position_rad=raw*deg"])
     assert {name: source.theirs for name, source in sources.items()} == {"position_rad": "raw", "t_s": "t_s", "torque_nm": "torque_nm"}
-    assert kept_columns(table, ["all"], sources, KNOWN_COLUMNS) == {"position_rad (as found)": "position_rad"}
+    assert kept_columns(table, ["all"], sources) == {"position_rad (as found)": "position_rad"}
     with pytest.raises(UsageError, match=r"--keep rew: .*did you mean raw"):
-        kept_columns(table, ["rew"], sources, KNOWN_COLUMNS)
+        kept_columns(table, ["rew"], sources)
 
 
 def test_two_columns_that_differ_in_case_must_be_written_exactly() -> None:
     table = Table("log.csv", {"iq": np.arange(3.0), "IQ": np.arange(3.0)})
-    assert parse_source("torque_nm=IQ", table, KNOWN_COLUMNS).theirs == "IQ"
+    assert parse_source("torque_nm=IQ", table).theirs == "IQ"
     with pytest.raises(UsageError, match="no column 'Iq'"):
-        parse_source("torque_nm=Iq", table, KNOWN_COLUMNS)
+        parse_source("torque_nm=Iq", table)

@@ -33,7 +33,7 @@ from beltcomm.foreign.mapping import parse_source, sources_for
 from beltcomm.foreign.table import Table
 from beltcomm.jobs.export import _write_mcap
 from beltcomm.recording import Recording
-from beltcomm.recording.columns import CHANNELS, KNOWN_COLUMNS, Side
+from beltcomm.recording.columns import CHANNELS, Side
 from beltcomm.recording.sidecar import Sidecar
 from beltcomm.result import plain
 from beltcomm.rundata.calibration import Calibration, GainUnit, _calibration_from_dict
@@ -160,14 +160,14 @@ def test_files_of_mappings(columns: list[str], data: st.DataObject) -> None:
     """Whatever columns are called: a line that is opened in the file of mappings is read as the mapping that it shows."""
     rows = np.cumsum(np.ones((400, len(columns))), axis=0) + np.arange(len(columns))
     table = Table("a.csv", {name: rows[:, j].copy() for j, name in enumerate(columns)})
-    guesses = _guesses_for(table, sources_for(table, (), KNOWN_COLUMNS), AXIS, timed=True)
+    guesses = _guesses_for(table, sources_for(table, ()), AXIS, timed=True)
     text = _template(table, (), guesses)
     offered = [choice for guess in guesses for choice in guess.choices]
     assert offered
     for choice in offered:
         opened = text.replace(f"\n# {choice}\n", f"\n{choice}\n")
         assert choice in mappings_in(opened)
-        assert parse_source(choice, table, KNOWN_COLUMNS).theirs in columns
+        assert parse_source(choice, table).theirs in columns
 
 
 @pytest.mark.skipif(importlib.util.find_spec("mcap") is None, reason="the extra mcap is not installed")

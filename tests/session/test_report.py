@@ -214,7 +214,7 @@ def test_a_folder_that_cannot_be_written_shows_its_result_all_the_same(
         raise UsageError("the folder cannot be written: read-only")
 
     monkeypatch.setattr(laboratory.RunFolder, "save", full)
-    assert any(line.startswith("Not kept: ") for line in laboratory._unkept(RunFolder.open(run), "diagnosis", {}))
+    assert any(line.startswith("Not kept: ") for line in laboratory._unkept(RunFolder.open(run), {}))
     monkeypatch.setattr(page_file, "write_text", full)
     found = job.report(run)
     assert found.exit_code == 2

@@ -43,12 +43,7 @@ class PortLike(Protocol):
         ...
 
     def write(self, data: bytes, /) -> int | None:
-        """Send.
-
-        Parameters
-        ----------
-        data : bytes
-        """
+        """Send."""
         ...
 
     def reset_input_buffer(self) -> None:

@@ -37,51 +37,18 @@ class ArrowheadJacobian:
         return int(self.columns.shape[1]) - 1
 
     def weighted_rows(self, weights: Array) -> ArrowheadJacobian:
-        """Every row times its weight, (n,).
-
-        Parameters
-        ----------
-        weights : ndarray, (n,)
-            One for each row.
-
-        Returns
-        -------
-        ArrowheadJacobian
-            A new one.
-        """
+        """Every row times its weight, (n,)."""
         return ArrowheadJacobian(self.columns * weights[:, None], self.ends)
 
     def times(self, y: Array) -> Array:
-        """J y, (k + m,) -> (n,).
-
-        Parameters
-        ----------
-        y : ndarray, (k + m,)
-            Shared unknowns, then one for each segment.
-
-        Returns
-        -------
-        ndarray, (n,)
-            J y.
-        """
+        """J y, (k + m,) -> (n,), of the shared unknowns, then one for each segment."""
         moved = self.columns[:, :-1] @ y[: self.own]
         for i, here in enumerate(self.segments()):
             moved[here] += self.columns[here, -1] * y[self.own + i]
         return np.asarray(moved)
 
     def transpose_times(self, right: Array) -> Array:
-        """Jᵀ right, (n,) -> (k + m,) or (n, c) -> (k + m, c).
-
-        Parameters
-        ----------
-        right : ndarray, (n,) or (n, c)
-            One or several columns.
-
-        Returns
-        -------
-        ndarray, (k + m,) or (k + m, c)
-            Jᵀ right.
-        """
+        """Jᵀ right, (n,) -> (k + m,) or (n, c) -> (k + m, c)."""
         border = [self.columns[here, -1] @ right[here] for here in self.segments()]
         return np.concatenate((self.columns[:, :-1].T @ right, np.reshape(border, (len(border), *right.shape[1:]))))
 

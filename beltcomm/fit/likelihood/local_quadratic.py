@@ -146,51 +146,16 @@ class LocalQuadratic:
         return drops, powers
 
     def beside(self, columns: Array) -> Array:
-        """Rest of columns, (n, k), when everything fitted gives way to them, weights as they stand.
-
-        Parameters
-        ----------
-        columns : ndarray, (n, k)
-            Of the whitened residual.
-
-        Returns
-        -------
-        ndarray, (n, k)
-            What is left of them.
-        """
+        """Rest of columns of the whitened residual, (n, k), when everything fitted gives way to them, weights as they stand."""
         ways = self.inverse @ self.weighted.transpose_times(columns)[self.used]
         return columns - np.stack([self._residual_change(way) for way in ways.T], axis=1)
 
     def predicted_residual(self, change: Array, step: Array) -> Array:
-        """The residual, (n,), with a change of it and the step of everything fitted that :meth:`best` answers it with.
-
-        Parameters
-        ----------
-        change : ndarray, (n,)
-            Of the whitened residual.
-        step : ndarray, (unknowns,)
-            Of everything fitted, as :meth:`best` answers.
-
-        Returns
-        -------
-        ndarray, (n,)
-            To first order.
-        """
+        """The residual to first order, (n,), with a change of it and the step of everything fitted that :meth:`best` answers it with."""
         return self.residual + change + self._residual_change(step[self.moving] * self.norms)
 
     def information(self, columns: Array) -> Array:
-        """Information on amounts of columns beside everything fitted, weights as they stand, (n, k) -> (k, k).
-
-        Parameters
-        ----------
-        columns : ndarray, (n, k)
-            Of the whitened residual.
-
-        Returns
-        -------
-        ndarray, (k, k)
-            Fisher information, everything fitted taken out.
-        """
+        """Fisher information on amounts of columns beside everything fitted, weights as they stand, (n, k) -> (k, k)."""
         weighted, shared = columns * self.weights[:, None], self.weighted.transpose_times(columns)[self.used]
         return self._squares(weighted, columns, shared)[1]
 
@@ -200,20 +165,7 @@ class LocalQuadratic:
         return squares, squares - shared.T @ self.inverse @ shared
 
     def best(self, change: Array | None = None, columns: Array | None = None) -> Near:
-        """The minimum beside a change of the residual and columns of it.
-
-        Parameters
-        ----------
-        change : ndarray (n,) or None
-            c; none without.
-        columns : ndarray (n, k) or None
-            C; none without.
-
-        Returns
-        -------
-        Near
-            Objective, amounts of the columns and step of everything fitted.
-        """
+        """The minimum beside a change c of the residual, (n,), and columns C of it, (n, k)."""
         start = self.residual if change is None else self.residual + change
         own = np.zeros((len(start), 0)) if columns is None else columns
         sizes = np.linalg.norm(own, axis=0)

@@ -164,19 +164,8 @@ class Problem:
         return int(self.ends[-1])
 
     def start(self, offsets: Array | None = None, model: Model | None = None) -> Array:
-        """The unknowns at a model's values, those of the problem's own without one.
-
-        Parameters
-        ----------
-        offsets : ndarray (segments,) or None
-            Scaled start offsets; 0 without.
-        model : Model or None
-            Whose values they are; the problem's own without.
-
-        Returns
-        -------
-        ndarray, (unknowns,)
-            Within the bounds.
+        """The unknowns at a model's values, those of the problem's own without one, within the bounds; start offsets, scaled, are 0
+        without.
         """
         x = np.zeros(len(self.scale))
         x[: len(self.free)] = (self.vector if model is None else model.vector())[self.places] / self.scale[: len(self.free)]
@@ -185,52 +174,17 @@ class Problem:
         return np.asarray(np.clip(x, self.low, self.high))
 
     def offsets(self, x: Array) -> Array:
-        """The scaled start offsets among the unknowns.
-
-        Parameters
-        ----------
-        x : ndarray, (unknowns,)
-            Scaled.
-
-        Returns
-        -------
-        ndarray, (segments,)
-            Empty where nothing moves at the start.
-        """
+        """The scaled start offsets among the unknowns, (segments,); empty where nothing moves at the start."""
         return x[len(self.free) :]
 
     def full(self, x: Array) -> Array:
-        """The parameter vector of the model.
-
-        Parameters
-        ----------
-        x : ndarray, (unknowns,)
-            Scaled.
-
-        Returns
-        -------
-        ndarray, (k,)
-            In the units of the model.
-        """
+        """The parameter vector of the model at the scaled unknowns, (k,), in the units of the model."""
         vector = self.vector.copy()
         vector[self.places] = (x * self.scale)[: len(self.free)]
         return vector
 
     def model_at(self, x: Array, origin: str) -> Model:
-        """The model with the free parameters at x.
-
-        Parameters
-        ----------
-        x : ndarray, (unknowns,)
-            Scaled.
-        origin : str
-            Noted with the values.
-
-        Returns
-        -------
-        Model
-            Without intervals of these.
-        """
+        """The model with the free parameters at the scaled unknowns, without intervals of these; ``origin`` is noted with the values."""
         values = (x * self.scale)[: len(self.free)]
         # Scaling and back may miss a bound by a rounding.
         bounds = [self.model.parameters[name] for name in self.free]
@@ -255,22 +209,7 @@ class Problem:
         return self.seen[1]
 
     def balance(self, i: int, x: Array, offset_m: float) -> Parts:
-        """The torque balance of piece i.
-
-        Parameters
-        ----------
-        i : int
-            Number of the piece.
-        x : ndarray
-            Unknowns, scaled, as of :meth:`start`.
-        offset_m : float
-            By which the carriage is moved against its record.
-
-        Returns
-        -------
-        Parts
-            The same object as the last :meth:`_one` made, where it was asked for the same.
-        """
+        """The torque balance of piece i, its carriage moved by ``offset_m`` against its record; asked for it again, the same object."""
         key, parts = self.last.get(i, (None, None))
         if parts is not None and key == (x[: len(self.free)].tobytes(), offset_m):
             return parts
@@ -314,35 +253,11 @@ class Problem:
         return self.balance(i, x, offset_m)
 
     def residual(self, x: Array) -> Array:
-        """Whitened residual of all pieces, (n,).
-
-        Parameters
-        ----------
-        x : ndarray, (unknowns,)
-            Scaled.
-
-        Returns
-        -------
-        ndarray, (n,)
-            Segment after segment.
-        """
+        """Whitened residual of all pieces, one after the other, (n,), at the scaled unknowns."""
         return np.concatenate([self._one(i, x) for i in range(len(self.pieces))])
 
     def jacobian(self, x: Array, only: Sequence[int] | None = None) -> ArrowheadJacobian:
-        """Jacobian of the whitened residual by one-sided differences.
-
-        Parameters
-        ----------
-        x : ndarray, (unknowns,)
-            Scaled.
-        only : sequence of int or None
-            Unknowns that are asked for; the columns of others stay 0.
-
-        Returns
-        -------
-        ArrowheadJacobian
-            (n, unknowns).
-        """
+        """Jacobian of the whitened residual, (n, unknowns), by one-sided differences; columns of unknowns other than ``only`` stay 0."""
         own = len(self.free)
         columns = np.zeros((self.samples, own + 1))
         offsets = OFFSET_M * x[own:] if self.movable else np.zeros(len(self.pieces))
@@ -394,20 +309,7 @@ class Problem:
         return np.concatenate([piece.group_sums(white[piece.keep]) for piece, white in zip(self.pieces, found, strict=True)])
 
     def perturb(self, x: Array, j: int) -> tuple[float, Array]:
-        """A small step of one unknown, to the side where there is room.
-
-        Parameters
-        ----------
-        x : ndarray
-            Unknowns, scaled.
-        j : int
-            Number of the unknown.
-
-        Returns
-        -------
-        tuple[float, ndarray]
-            The step, negative below a bound, and the unknowns with it.
-        """
+        """A small step of unknown j, to the side where there is room, negative below a bound, and the unknowns with it."""
         step = 1e-3 * max(abs(x[j]), 0.1)
         if x[j] + step > self.high[j]:
             step = -step
@@ -416,36 +318,12 @@ class Problem:
         return step, ahead
 
     def block_means(self, residual: Array) -> Array:
-        """Mean square of every block, (blocks,); infinite where a trial runs away.
-
-        Parameters
-        ----------
-        residual : ndarray, (n,)
-            Whitened.
-
-        Returns
-        -------
-        ndarray, (blocks,)
-            inf where a trial runs away.
-        """
+        """Mean square of every block of a whitened residual, (blocks,); infinite where a trial runs away."""
         with np.errstate(over="ignore"):
             return np.asarray(np.bincount(self.blocks, residual**2) / np.maximum(self.count, 1.0))
 
     def objective(self, residual: Array, x: Array) -> float:
-        """O of the module; inf where a body flew off, or where rounding alone would make it.
-
-        Parameters
-        ----------
-        residual : ndarray, (n,)
-            Whitened, at ``x``.
-        x : ndarray, (unknowns,)
-            Scaled.
-
-        Returns
-        -------
-        float
-            -2 ln likelihood but for a constant.
-        """
+        """O of the module, by the whitened residual at x; inf where a body flew off, or where rounding alone would make it."""
         bias = self.bias(self.full(x))
         if not np.all(np.isfinite(bias)):
             return math.inf
@@ -455,33 +333,11 @@ class Problem:
         return total if math.isfinite(total) else math.inf
 
     def weights(self, residual: Array) -> Array:
-        """Square root of φ'(c) of every sample's block, (n,).
-
-        Parameters
-        ----------
-        residual : ndarray, (n,)
-            Whitened.
-
-        Returns
-        -------
-        ndarray, (n,)
-            1 at most.
-        """
+        """Square root of φ'(c) of every sample's block, (n,), 1 at most, by the whitened residual."""
         return np.asarray((1.0 / np.sqrt(np.maximum(1.0, self.block_means(residual))))[self.blocks])
 
     def rounding_derivatives(self, x: Array) -> tuple[Array, Array]:
-        """Derivatives of what rounding adds to the squares of each block.
-
-        Parameters
-        ----------
-        x : ndarray
-            Unknowns, scaled.
-
-        Returns
-        -------
-        tuple[ndarray, ndarray]
-            Slope, (blocks, p), and curvature, (blocks, p, p); p: shared unknowns.
-        """
+        """Slope, (blocks, p), and curvature, (blocks, p, p), of what rounding adds to the squares of each block; p: shared unknowns."""
         own = len(self.free)
         moved = [j for j in range(own) if self.touches_noise[j]]
         steps, others = [], []
@@ -500,16 +356,7 @@ class Problem:
     def minimise(self, x: Array, iterations: int, enough: float = 0.02, goal: float = math.inf) -> Minimum:
         """Levenberg-Marquardt on O with the weights of each place; unknowns that push against a bound stay there.
 
-        Parameters
-        ----------
-        x : ndarray
-            Unknowns, scaled, to begin at.
-        iterations : int
-            At most.
-        enough : float
-            A step that gains less than this ends the search, nats.
-        goal : float
-            See :func:`hopeless`.
+        A step that gains less than ``enough`` nats ends the search; ``goal`` as of :func:`hopeless`.
         """
         residual = self.residual(x)
         value, damping = self.objective(residual, x), 1e-3

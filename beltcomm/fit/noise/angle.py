@@ -29,7 +29,6 @@ def apparent_step(recordings: Sequence[Recording], step_rad: float, noise_nm: fl
     ----------
     recordings : sequence of Recording
     step_rad : float, rad
-        Step of the encoder.
     noise_nm : float
         N m rms.
     """
@@ -53,15 +52,11 @@ def _rough_windows(recording: Recording, variance: Array) -> list[tuple[float, f
 
 
 def _unexplained_roughness(recording: Recording) -> Array:
-    """Variance of the angle's own noise, rad², sample by sample and scattering about it, by what no recorded torque moves.
+    """Variance of the angle's own noise, rad², (m,), sample by sample and scattering about it, by what no recorded torque moves; empty for
+    a short record.
 
     What the torque leaves of fourth differences holds 70 times that of the noise and g² times that of a white torque that acts unasked;
     its own fourth differences 12870 times and 66 g² times: as a mean over the period that has next to nothing at half the rate.
-
-    Returns
-    -------
-    ndarray, (m,)
-        rad²; empty for a record that is too short.
     """
     rough, bent = np.diff(recording.position, 4), np.diff(recording.torque, 2)
     number = len(rough) - FOLLOWED

@@ -196,15 +196,7 @@ def robust_rms(rest: Array, step_nm: float = 0.0) -> float:
 def _noise_untold(recordings: Sequence[Recording]) -> str:
     """Reason in words why records over time do not tell the torque's noise, with what to do; "" where they do.
 
-    Parameters
-    ----------
-    recordings : sequence of Recording
-        Those held out and static maps do not count.
-
-    Returns
-    -------
-    str
-        A sentence, or "".
+    Records held out and static maps do not count.
     """
     to_fit = [r for r in recordings if not (r.sidecar.held_out or r.is_static_map)]
     if not to_fit or _level(to_fit).told:
@@ -222,11 +214,6 @@ def error_floor_words(ratio: float) -> str:
     ----------
     ratio : float
         Error over the noise.
-
-    Returns
-    -------
-    str
-        A sentence, or "".
     """
     if ratio >= TOO_LITTLE:
         return ""
@@ -245,11 +232,6 @@ def noise_doubt(ratio: float, recordings: Sequence[Recording]) -> str:
         Error over the noise.
     recordings : sequence of Recording
         That it is of.
-
-    Returns
-    -------
-    str
-        A sentence, or "".
     """
     return _noise_untold(recordings) or error_floor_words(ratio)
 

@@ -41,17 +41,7 @@ class ProcessTorque:
     time_interval: float = field(default=0.0, compare=False)
 
     def pole(self, sample_s: float) -> float:
-        """ρ.
-
-        Parameters
-        ----------
-        sample_s : float, s
-            Sampling period.
-
-        Returns
-        -------
-        float
-        """
+        """ρ."""
         return math.exp(-sample_s / self.time_s) if self.time_s > 0.0 else 0.0
 
 
@@ -84,7 +74,6 @@ def correlation_time(pole: float, deviation: float, sample_s: float) -> tuple[fl
     deviation : float
         Of the pole.
     sample_s : float, s
-        Sampling period.
 
     Returns
     -------
@@ -136,17 +125,7 @@ def with_unread(answer: Array, poles: Sequence[complex], sensor_pole: float, pro
 
 
 def _spectral_factor(power: Array) -> Array:
-    """b with  b(z) b(1/z) = power,  its zeros inside the unit circle.
-
-    Parameters
-    ----------
-    power : ndarray (2 k + 1,)
-        Symmetric, and positive on the unit circle.
-
-    Returns
-    -------
-    ndarray (k + 1,)
-    """
+    """b, (k + 1,), with  b(z) b(1/z) = power,  its zeros inside the unit circle; ``power``, (2 k + 1,), is positive on it."""
     least = 1e-12 * float(np.abs(power).max())
     edge = int(np.flatnonzero(np.abs(power) > least)[0])
     power = power[edge : len(power) - edge]

@@ -129,7 +129,6 @@ def noise_schedule(model: Model, places_m: Array, sample_s: float, left: Array |
     places_m : ndarray (n,), m
         Carriage on the axis.
     sample_s : float, s
-        Sampling period.
     left : ndarray (n,) or None
         Share of the belt's stiffness at each sample; all of it without.
     """
@@ -171,20 +170,7 @@ def stiffness_levels(model: Model, low_m: float, high_m: float) -> tuple[Array, 
 
 
 def _stiffnesses(model: Model, places_m: Array) -> Array | None:
-    """Logarithm of :func:`_stiffness_to_ground` at places.
-
-    Parameters
-    ----------
-    model : Model
-        With a belt.
-    places_m : ndarray, (n,)
-        Carriage.
-
-    Returns
-    -------
-    ndarray (n,) or None
-        ln of N/m; None where a law, as a search has it, holds nothing at one.
-    """
+    """Logarithm of :func:`_stiffness_to_ground`, N/m, at places, (n,); None where a law, as a search has it, holds nothing at one."""
     try:
         found = np.array([_stiffness_to_ground(model, float(x)) for x in places_m])
     except ZeroDivisionError:
@@ -193,15 +179,7 @@ def _stiffnesses(model: Model, places_m: Array) -> Array | None:
 
 
 def _stiffness_to_ground(model: Model, position_m: float) -> float:
-    """Stiffness of all that holds the carriage at a place while the other bodies stand.
-
-    Parameters
-    ----------
-    model : Model
-        With a belt.
-    position_m : float, m
-        Carriage.
-    """
+    """Stiffness of all that holds the carriage at a place while the other bodies stand, N/m."""
     total, cart = 0.0, carriage_of([body.name for _, body in model.bodies()])
     for effect in model.effect_list():
         if effect.elements:
@@ -222,7 +200,6 @@ def noise_path(model: Model, position_m: float, sample_s: float, closed: float =
     position_m : float, m
         Carriage on the axis.
     sample_s : float, s
-        Sampling period.
     closed : float
         See ``matrices``.
     """
@@ -239,7 +216,6 @@ def path_of(model: Model, linear: Matrices, sample_s: float) -> NoisePath:
     linear : Matrices
         Of the model at a place.
     sample_s : float, s
-        Sample period.
 
     Returns
     -------
@@ -301,39 +277,13 @@ def _path(
     return _with_dead_time(_read_late(path, reading_s), dead_s, lag_s)
 
 
-def with_states_in_front(covariance: Array, number: int = 1) -> Array:
-    """A covariance of states, (k, k) or ``NoisePath.begins``, with more of them in front, 0 at the first sample.
-
-    Parameters
-    ----------
-    covariance : ndarray (k, k, ...)
-        Of a path's states.
-    number : int
-        Of states in front.
-    """
-    size = len(covariance) + number  # not by ``numpy.pad``, which takes ten times as long
-    found = np.zeros((size, size, *covariance.shape[2:]))
-    found[number:, number:] = covariance
-    return found
-
-
 def _read_late(path: NoisePath, time_s: float) -> NoisePath:
     """The path where the torque is read behind a lag: rounding reaches the residual smoothed, noise of the torque as before.
 
     y[n] = a y[n-1] + b e[n-1] + c e[n]  with  e = h s + d q,  one more state z[n] = a y[n-1] + b e[n-1]:
     z[n+1] = a z[n] + (a c + b) e[n],   y[n] = z[n] + c e[n]      (straight between the samples, as ``measurement_lag``)
 
-    Parameters
-    ----------
-    path : NoisePath
-        Without that lag.
-    time_s : float, s
-        Time constant of the reading.
-
-    Returns
-    -------
-    NoisePath
-        ``path`` itself for hardly any lag.
+    ``path`` is the one without that lag, and comes back as it is for hardly any.
     """
     if time_s < LEAST_LAG_S:
         return path
@@ -363,17 +313,7 @@ def _with_dead_time(path: NoisePath, dead_s: float, lag_s: float) -> NoisePath:
     lag_s y' = w - y, the residual has the mean of y with the triangular weight:  e[n] = … - ∫_0^1 u y[n-1+u] du - ∫_0^1 (1-u) y[n+u] du.
     Two more states, y[n] and w[n-1]; the last one is what the period before leaves of e[n].
 
-    Parameters
-    ----------
-    path : NoisePath
-        Of a torque that acts at once.
-    dead_s, lag_s : float, s
-        Dead time, and time constant of first order.
-
-    Returns
-    -------
-    NoisePath
-        ``path`` itself for hardly any of both.
+    ``path`` comes back as it is for hardly any of both.
     """
     part = dead_s / path.sample_s - math.floor(dead_s / path.sample_s)
     if part < LEAST_PART and lag_s < LEAST_LAG_S:
@@ -406,18 +346,6 @@ def _exponential(a: Array) -> Array:
 
     Not scipy's ``expm``: its linear algebra runs in threads, which on a busy machine wait for each other, 20 ms instead of 0.04 ms.
 
-    Parameters
-    ----------
-    a : ndarray, (n, n)
-        Without unit.
-
-    Returns
-    -------
-    ndarray, (n, n)
-        To rounding.
-
-    References
-    ----------
     Moler, Van Loan, SIAM Review 45 (2003), method 3.
     """
     squarings = max(0, math.ceil(math.log2(max(float(np.abs(a).sum(axis=1).max()), 1e-300))) + 1)

@@ -21,7 +21,7 @@ import numpy as np
 from beltcomm.arrays import Array, BoolArray, IntArray
 from beltcomm.compiled import compiled, in_lanes, inlined
 from beltcomm.fit.noise.colour import WHITE_NOISE, NoiseColour, filter_states
-from beltcomm.fit.noise.propagation import KEPT, SLOW, NoisePath, NoiseSchedule, with_states_in_front
+from beltcomm.fit.noise.propagation import KEPT, SLOW, NoisePath, NoiseSchedule
 from beltcomm.simulate.kernels.observer import filter_columns, lanes_for
 
 #: Hz; below it the rounding of a motion at a steady speed may be stronger than white.
@@ -176,7 +176,6 @@ def noises(
     path : NoisePath
         Of the noises to the residual.
     step_rad : float, rad
-        Step of the encoder.
     noise_nm : float, N m rms
         Of the torque.
     shares : tuple of float
@@ -196,25 +195,18 @@ def noises(
         start[0, 0] = slow
     if colour.numerator:
         path, own = _with_filtered_torque(path, colour)
-        start = with_states_in_front(start, len(own))
+        start = _with_states_in_front(start, len(own))
         start[: len(own), : len(own)] = torque * own
     elif colour.pole != 0.0:
-        path, start = _with_coloured_torque(path, colour.pole), with_states_in_front(start)
+        path, start = _with_coloured_torque(path, colour.pole), _with_states_in_front(start)
         start[0, 0] = start[0, -1] = start[-1, 0] = torque
     return path, variances, start
 
 
 def _with_coloured_torque(path: NoisePath, colour: float) -> NoisePath:
-    """Noise path for a torque noise of first order.
+    """Noise path for a torque noise of first order with ``colour`` ρ.
 
     w[n] = ρ w[n-1] + √(1-ρ²) ν[n]:  one more state w[n-1] in front, noises (…, ν).
-
-    Parameters
-    ----------
-    path : NoisePath
-        For a white one.
-    colour : float
-        ρ.
     """
     new, size, last = math.sqrt(1.0 - colour**2), len(path.H), path.G.shape[1] - 1
     f, g = np.zeros((size + 1, size + 1)), np.zeros((size + 1, path.G.shape[1]))
@@ -223,17 +215,11 @@ def _with_coloured_torque(path: NoisePath, colour: float) -> NoisePath:
     g[1:, last] *= new
     d, h = path.D.copy(), np.concatenate(([colour * path.D[last]], path.H))
     d[last] *= new
-    return NoisePath(f, g, h, d, with_states_in_front(path.begins), path.sample_s)
+    return NoisePath(f, g, h, d, _with_states_in_front(path.begins), path.sample_s)
 
 
 def _with_filtered_torque(path: NoisePath, colour: NoiseColour) -> tuple[NoisePath, Array]:
-    """Noise path for a torque noise behind a law b(z)/a(z): its states in front, noises (…, ν).
-
-    Returns
-    -------
-    tuple of NoisePath and ndarray
-        The path, and the covariance of the states in front.
-    """
+    """Noise path for a torque noise behind a law b(z)/a(z), with its states in front, noises (…, ν); and the covariance of those states."""
     own_f, own_g, covariance = filter_states(colour)
     size, own, last = len(path.H), len(own_g), path.G.shape[1] - 1
     f, g = np.zeros((size + own, size + own)), np.zeros((size + own, last + 1))
@@ -241,7 +227,7 @@ def _with_filtered_torque(path: NoisePath, colour: NoiseColour) -> tuple[NoisePa
     g[:own, last], g[own:, :last] = own_g, path.G[:, :last]
     d, h = path.D.copy(), np.concatenate((np.eye(own)[0], path.H))
     d[last] = colour.numerator[0]
-    return NoisePath(f, g, h, d, with_states_in_front(path.begins, own), path.sample_s), covariance
+    return NoisePath(f, g, h, d, _with_states_in_front(path.begins, own), path.sample_s), covariance
 
 
 def _with_slow_rounding(path: NoisePath) -> NoisePath:
@@ -254,7 +240,7 @@ def _with_slow_rounding(path: NoisePath) -> NoisePath:
     g[0, 1], g[1:, 0], g[1:, 1], g[1:, 2] = new, path.G[:, 0], new * path.G[:, 0], path.G[:, 1]
     d = np.array([path.D[0], new * path.D[0], path.D[1]])
     h = np.concatenate(([keeps * path.D[0]], path.H))
-    return NoisePath(f, g, h, d, with_states_in_front(path.begins), path.sample_s)
+    return NoisePath(f, g, h, d, _with_states_in_front(path.begins), path.sample_s)
 
 
 @compiled
@@ -427,3 +413,11 @@ def _gains(size: int) -> Callable[..., None]:
             n += samples
 
     return gains_of_size
+
+
+def _with_states_in_front(covariance: Array, number: int = 1) -> Array:
+    """A covariance of states, (k, k) or ``NoisePath.begins``, with more of them in front, 0 at the first sample."""
+    size = len(covariance) + number  # not by ``numpy.pad``, which takes ten times as long
+    found = np.zeros((size, size, *covariance.shape[2:]))
+    found[number:, number:] = covariance
+    return found

@@ -164,13 +164,7 @@ class NoisesProblem:
         return cost, slope, 2.0 * count / squares * moved.T @ moved + 2.0 * self._number * turned @ turned.T
 
     def fit(self, begun: TorqueNoises, coloured: tuple[bool, bool]) -> NoisesFit:
-        """The likeliest noises, by Fisher's scoring.
-
-        Parameters
-        ----------
-        coloured : tuple of bool
-            Whether sensor and process have a colour.
-        """
+        """The likeliest noises, by Fisher's scoring; ``coloured``: sensor and process have a colour."""
         x, held = _unknowns(begun, coloured), 1e-3
 
         def around(x: Array) -> list[TorqueNoises]:

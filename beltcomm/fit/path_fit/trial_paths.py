@@ -36,7 +36,6 @@ def ways_of(laws: Sequence[tuple[DriveLaw, bool]], sample_s: float, beside: Sequ
     laws : sequence of tuple of DriveLaw and bool
         From setpoint to reading, and as of :func:`splits`.
     sample_s : float, s
-        Sampling period.
     beside : sequence of TorquePath
         Ways that are known.
     """
@@ -58,7 +57,6 @@ def kind_of(path: TorquePath, sample_s: float) -> tuple[object, ...]:
     ----------
     path : TorquePath
     sample_s : float, s
-        Sampling period.
 
     Returns
     -------
@@ -118,7 +116,6 @@ def lookalikes(law: DriveLaw, sample_s: float) -> list[DriveLaw]:
     law : DriveLaw
         As found.
     sample_s : float, s
-        Sampling period.
     """
     if len(law.lags) > 1 or any(lag.kind in ("sampled", "slew rate") for lag in law.lags):
         return []
@@ -136,7 +133,6 @@ def times_tried(sample_s: float) -> list[float]:
     Parameters
     ----------
     sample_s : float, s
-        Sampling period.
     """
     return [share * sample_s for share in DRIVE_SHARES if share * sample_s <= LONGEST_S]
 
@@ -156,7 +152,6 @@ def families_without_setpoint(sample_s: float) -> tuple[Callable[[TorquePath], l
     Parameters
     ----------
     sample_s : float, s
-        Sampling period.
     """
 
     def drive_of(path: TorquePath) -> DriveLaw:

@@ -55,7 +55,6 @@ def largest_step(recording: Recording, inertia_kg_m2: float, step_rad: float, st
     inertia_kg_m2 : float, kg m², motor side
         Of what follows the torque at once.
     step_rad : float, rad
-        Step of the encoder.
     striking : float
         See ``CERTAIN``.
     """
@@ -97,7 +96,6 @@ def proven_jumps(recording: Recording, model: Model, step_rad: float, noise_nm: 
     model : Model
         To explain it.
     step_rad : float, rad
-        Step of the encoder.
     noise_nm : float, N m rms
         Of the torque.
 
@@ -143,7 +141,6 @@ def refuse(jumps: Sequence[Jump], step_rad: float) -> None:
     jumps : sequence of Jump
         As :func:`proven_jumps` found them.
     step_rad : float, rad
-        Step of the encoder.
 
     Raises
     ------

@@ -57,19 +57,8 @@ class Observer:
     torque: Array
 
     def white(self, torque: Array, keep: BoolArray) -> Array:
-        """First-order change of the innovations, over their deviation.
-
-        Parameters
-        ----------
-        torque : ndarray, N m, (n,) or (n, k)
-            Changes of the residual.
-        keep : ndarray of bool, (n,)
-            Samples that count; the others are passed over.
-
-        Returns
-        -------
-        ndarray
-            Of the shape of ``torque``.
+        """First-order change of the innovations, over their deviation, by changes of the residual, N m, (n,) or (n, k), at the samples to
+        keep.
         """
         w = self.watch
         columns = np.ascontiguousarray(torque if torque.ndim == 2 else torque[:, None])
@@ -77,16 +66,7 @@ class Observer:
         return out if torque.ndim == 2 else out[:, 0]
 
     def knows(self, seen: Observation, model: Model, vector: Array) -> bool:
-        """True if this is what it was worked out with.
-
-        Parameters
-        ----------
-        seen : Observation
-            Compared by identity.
-        model : Model
-        vector : ndarray, SI
-            Parameters.
-        """
+        """True if this is what it was worked out with; ``seen`` is compared by identity."""
         same = seen.motion is self.motion and seen.torque is self.torque and model.effects == self.model.effects
         return same and np.allclose(vector, self.model.vector(), rtol=1e-12, atol=0.0)
 
@@ -174,33 +154,14 @@ def needs_observer(model: Model) -> bool:
 
 
 def _load_beyond_motor(model: Model, motion: FineMotion, torque: Array, vector: Array) -> Array:
-    """Load that the torque leaves for everything beyond the motor, N m, (n,).
-
-    Parameters
-    ----------
-    motion : FineMotion
-        True.
-    """
+    """Load that the torque leaves for everything beyond the motor in its true motion, N m, (n,)."""
     left = acting_torque(model, motion, torque, vector) - motor_load(model, motion, vector)
     left[1:-1] -= vector[model.index("motor.inertia")] * np.diff(motion.theta[:: motion.substeps], 2) / motion.sample_s**2
     return left
 
 
 def _settling_samples(keep: BoolArray, sample_s: float) -> BoolArray:
-    """Samples that do not count, behind so many of them that the carriage may be anywhere in its gap when the next one does; (n,).
-
-    Parameters
-    ----------
-    keep : ndarray, (n,) of bool
-        Samples that count.
-    sample_s : float, s
-        Sample period.
-
-    Returns
-    -------
-    ndarray, (n,) of bool
-        The last one of each such span.
-    """
+    """Last samples of spans so long without one that counts that the carriage may be anywhere in its gap when the next one does; (n,)."""
     number = np.arange(len(keep))
     since = number - np.maximum.accumulate(np.where(keep, number, -1))
     ends: BoolArray = ~keep & np.append(keep[1:], False)
@@ -208,23 +169,9 @@ def _settling_samples(keep: BoolArray, sample_s: float) -> BoolArray:
 
 
 def _stiffest(model: Model, low_m: float, high_m: float, places_m: Array) -> tuple[float, Array]:
-    """Place of a way where the carriage is held stiffest, and the stiffness elsewhere over the one there.
+    """Place of a way where the carriage is held stiffest, m, and the stiffness at ``places_m`` over the one there, (n,).
 
     A filter whose gains are worked out for a belt less than half as stiff as it is overshoots and flies off.
-
-    Parameters
-    ----------
-    model : Model
-        With a belt.
-    low_m, high_m : float, m
-        Ends of the way.
-    places_m : ndarray, (n,)
-        At which the stiffness is asked.
-
-    Returns
-    -------
-    tuple of float and ndarray (n,)
-        m, and shares up to 1.
     """
     at, logarithms = stiffness_levels(model, low_m, high_m)
     return float(at[np.argmax(logarithms)]), np.exp(np.interp(places_m, at, logarithms) - logarithms.max())
@@ -253,7 +200,6 @@ def untuned_observer(
     keep : ndarray of bool (n,)
         Samples that count.
     step_rad : float, rad
-        Step of the encoder.
     noise_nm : float, N m rms
         Of the torque.
     rounding : tuple of float
@@ -326,11 +272,6 @@ def tuned_observers(followers: Sequence[Observer]) -> list[Observer]:
     ----------
     followers : sequence of Observer
         One for each segment.
-
-    Returns
-    -------
-    list of Observer
-        In their order.
     """
     vectors = [observer.model.vector() for observer in followers]
     motions = [true_motion(observer.model, observer.motion, vector) for observer, vector in zip(followers, vectors, strict=True)]

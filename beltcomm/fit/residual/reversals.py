@@ -95,12 +95,7 @@ def motion_through_reversals(
 def _find_passages(motion: FineMotion, slow_rad_s: float, least_rad_s2: float) -> tuple[BoolArray, Array]:
     """Points of the fine grid, (fine,), at which the motor may have stuck; and instants at which it surely did not, in fine steps.
 
-    Parameters
-    ----------
-    slow_rad_s : float
-        Speed above which it is surely moving.
-    least_rad_s2 : float
-        With this much, before and after, it goes through a reversal.
+    Above ``slow_rad_s`` it surely moves; with ``least_rad_s2``, before and after, it goes through a reversal.
     """
     doubtful = np.zeros(len(motion.omega), dtype=np.bool_)
     instants = np.empty(len(motion.omega))
@@ -144,20 +139,7 @@ def _passages(omega: Array, slow: float, least: float, doubtful: BoolArray, inst
 
 
 def _samples_at(doubtful: BoolArray, substeps: int) -> BoolArray:
-    """Samples whose triangular weight touches a doubtful point; the ends too.
-
-    Parameters
-    ----------
-    doubtful : ndarray, (fine,) of bool
-        On the fine grid.
-    substeps : int
-        Fine steps a sample.
-
-    Returns
-    -------
-    ndarray, (n,) of bool
-        By sample.
-    """
+    """Samples, (n,), whose triangular weight touches a doubtful point of the fine grid; the ends too."""
     inside = np.any(np.lib.stride_tricks.sliding_window_view(doubtful, substeps + 1)[::substeps], axis=1)
     touched = np.ones(len(doubtful) // substeps + 1, dtype=np.bool_)
     touched[1:-1] = inside[:-1] | inside[1:]
@@ -167,10 +149,6 @@ def _samples_at(doubtful: BoolArray, substeps: int) -> BoolArray:
 def _reversal_correction(motion: FineMotion, instants: Array, ratio: float) -> tuple[Array, Array]:
     """Friction that the kernel, at level 1 N m, lacks around these instants: mean over each fine step, (fine - 1,), and over each
     sample with its triangular weight, (n,), ends 0.
-
-    Parameters
-    ----------
-    ratio : float, m/rad
     """
     points = _directions(motion.theta, ratio / motion.bristle_m)
     kernel = _between(points)

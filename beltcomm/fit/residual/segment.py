@@ -384,10 +384,7 @@ def _rebuild_motion(
 ) -> FineMotion:
     """The motion between the samples with the load that it gives rise to, and one that is lacking there, N m, mean over each fine step.
 
-    Parameters
-    ----------
-    motion : FineMotion
-        That the load is worked out from; behind a coarse encoder the likeliest one, for a stiff belt would take the steps for a load.
+    The load is worked out from ``motion``; behind a coarse encoder the likeliest one, for a stiff belt would take the steps for a load.
     """
     true = true_motion(model, motion)
     load, _ = fine_load(model, true)
@@ -400,21 +397,9 @@ def _rebuild_motion(
 
 
 def _start_offset(model: Model, motion: FineMotion) -> float:
-    """Largest stretch of the belt at the start: at rest no more than the friction of the carriage holds.
+    """Largest stretch of the belt at the start, m: at rest no more than the friction of the carriage holds; 0 without a carriage.
 
     Without this bound a stretch of half a millimetre lets the carriage ring before anything counts, and where it then sticks is chance.
-
-    Parameters
-    ----------
-    model : Model
-        With its friction.
-    motion : FineMotion
-        Of the segment.
-
-    Returns
-    -------
-    float, m
-        0 without a carriage.
     """
     if "cart" not in model.base_bodies:
         return 0.0
@@ -427,26 +412,10 @@ def _start_offset(model: Model, motion: FineMotion) -> float:
 
 
 def _group_starts(keep: BoolArray, size: int) -> NDArray[np.intp]:
-    """Places, among the kept samples, of the first of every so many neighbours in time.
+    """Places, among the kept samples, of the first of every so many neighbours in time; a group that is not complete is left out.
 
     The sum of neighbouring values of the whitened residual over √size is white again and holds the lower 1/size of the frequencies: above
-    that a slow motion shows nothing but the encoder's rounding.
-
-    Parameters
-    ----------
-    keep : ndarray, (n,) of bool
-        Samples that count.
-    size : int
-        Neighbours.
-
-    Returns
-    -------
-    ndarray of int
-        A group that is not complete is left out.
-
-    References
-    ----------
-    Haar's low-pass.
+    that a slow motion shows nothing but the encoder's rounding (Haar's low-pass).
     """
     kept = np.flatnonzero(keep)
     begins = np.flatnonzero(np.diff(kept, prepend=-2) > 1)

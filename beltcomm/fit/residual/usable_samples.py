@@ -66,9 +66,7 @@ def creeping_samples(position: Array, sample_s: float, step_rad: float) -> tuple
     position : ndarray, (n,), rad
         Motor.
     sample_s : float, s
-        Sample period.
     step_rad : float, rad
-        Step of the encoder.
 
     Returns
     -------
@@ -106,7 +104,6 @@ def shaken_samples(position: Array, setpoint: Array, inertia: float, sample_s: f
     inertia : float
         That follows it at once, kg m² at the motor.
     sample_s : float
-        s.
     """
     width = 2 * max(2, round(CREEP_S / sample_s)) + 1
     jump = maximum_filter1d(np.abs(np.diff(setpoint, prepend=setpoint[:1])), width, mode="nearest") * sample_s / inertia
@@ -127,7 +124,6 @@ def sparse_creep(even: BoolArray, keep: BoolArray, sample_s: float) -> BoolArray
     keep : ndarray (n,) of bool
         Those that count.
     sample_s : float
-        s.
     """
     width = 2 * max(2, round(CREEP_S / sample_s)) + 1
     return np.asarray(even & (uniform_filter1d(keep.astype(np.float64), width, mode="nearest") < DENSE))
@@ -214,7 +210,6 @@ def samples_between_counts(angle: Array, position: Array, step_rad: float) -> Bo
     position : ndarray
         As it was counted, rad, (n,).
     step_rad : float, rad
-        Step of the encoder.
     """
     ways = [uniform_filter1d(np.abs(np.diff(row, prepend=row[0])), AROUND, mode="nearest") * AROUND for row in (angle, position)]
     return np.asarray(ways[0] > MOST_WAY * (ways[1] + step_rad))

@@ -34,21 +34,11 @@ KNOWN = 2
 
 
 def _stiffness_left(model: Model, motion: FineMotion) -> Array | None:
-    """Share of the belt's stiffness that holds the carriage at each sample: 1 with both strands tight.
+    """Share of the belt's stiffness that holds the carriage at each sample, (n,): 1 with both strands tight; None where no strand goes
+    slack.
 
     It is the slope of the belt's law at the stretch that carries the load.  A gap is no such law: its carriage is followed (``observer``).
     The belt is taken to be as stiff everywhere as in the middle of the way, and its damping to carry nothing: only the noise asks for it.
-
-    Parameters
-    ----------
-    model : Model
-        With any effects.
-    motion : FineMotion
-
-    Returns
-    -------
-    ndarray (n,) or None
-        None where no strand goes slack.
     """
     laws = [e for e in model.effect_list() if e.slot == "belt_law" and not e.rattles]
     if not laws or "cart" not in model.base_bodies:
@@ -83,11 +73,6 @@ def with_observer(segment: Segment, model: Model) -> Segment:
         With its noise.
     model : Model
         That it is made for.
-
-    Returns
-    -------
-    Segment
-        A new one.
     """
     return with_observers([segment], [model])[0]
 
@@ -101,11 +86,6 @@ def with_observers(segments: Sequence[Segment], models: Sequence[Model]) -> list
         With their noise.
     models : sequence of Model
         One for each.
-
-    Returns
-    -------
-    list of Segment
-        In their order.
     """
     if not models or not needs_observer(models[0]):
         return [segment if segment.observer is None else replace(segment, observer=None) for segment in segments]

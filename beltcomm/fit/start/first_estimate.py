@@ -273,18 +273,7 @@ def first_estimate(
 
 
 def _masses_tried(start: Model) -> Array:
-    """Loads of the grid: those of belt axes, or between the bounds that a data sheet of another kind gives.
-
-    Parameters
-    ----------
-    start : Model
-        By the data sheets.
-
-    Returns
-    -------
-    ndarray
-        kg, rising.
-    """
+    """Loads of the grid, kg, rising: those of belt axes, or between the bounds that a data sheet of another kind gives."""
     item, usual = start.parameters["cart.mass"], BASE_BODIES["cart"].inertia
     return MASSES_KG if (item.low, item.high) == (usual.low, usual.high) else np.geomspace(item.low, item.high, len(MASSES_KG))
 
@@ -318,7 +307,6 @@ def moves_enough(recording: Recording, model: Model, counts_per_rev: int) -> boo
     model : Model
         By the data sheets.
     counts_per_rev : int
-        Of the encoder.
 
     Returns
     -------
@@ -339,23 +327,7 @@ def _legible_segments(
     That is so where the encoder is too coarse to show the acceleration from row to row, or the motor swings on a held carriage between
     two rows.  Then samples count that are away from a reversal by the reach of the filter, over which it smears the friction.
 
-    Parameters
-    ----------
-    recording : Recording
-        Short, excited.
-    model : Model
-        By the data sheets.
-    step_rad : float, rad
-        Step of the encoder.
-    noise_nm : float
-        Of the torque, N m rms.
-    path : TorquePath or None
-        To the torque that acts; None takes the reading.
-
-    Returns
-    -------
-    list of Segment
-        Of its gapless pieces.
+    ``noise_nm`` is that of the torque, N m rms; without a ``path`` the torque that acts is the reading.
     """
     sample = recording.sample_period_s
     swings = 0.0 if model.rigid else model["transmission.ratio"] * math.sqrt(model["belt_stiffness.stiffness"] / model["motor.inertia"])
@@ -474,7 +446,6 @@ def first_path(recording: Recording, start: Model, counts_per_rev: int) -> First
     start : Model
         By the data sheets.
     counts_per_rev : int
-        Of the encoder.
 
     Returns
     -------

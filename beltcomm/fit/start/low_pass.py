@@ -22,18 +22,7 @@ REACH = 4.0
 
 
 def _widths(sample_s: float) -> Array:
-    """Standard deviations of the Gaussian that are tried, in samples, the narrowest first.
-
-    Parameters
-    ----------
-    sample_s : float, s
-        Sample period.
-
-    Returns
-    -------
-    ndarray
-        Rising.
-    """
+    """Standard deviations of the Gaussian that are tried, in samples, rising."""
     return 1.0 / (TAU * sample_s * np.geomspace(HIGHEST_CUT / sample_s, LOWEST_CUT_HZ, CUTS))
 
 
@@ -93,10 +82,5 @@ def fine(position: Array, step: float) -> bool:
         As it was read.
     step : float, rad
         q, step of the encoder.
-
-    Returns
-    -------
-    bool
-        For the whole record.
     """
     return step * math.sqrt(0.5) < ROUNDING_SHARE * float(np.std(np.diff(position, 2)))

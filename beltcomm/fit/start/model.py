@@ -42,11 +42,6 @@ def start_model(axis: Axis, recordings: Sequence[Recording]) -> Model:
     axis : Axis
     recordings : sequence of Recording
 
-    Returns
-    -------
-    Model
-        Start values of a fit.
-
     Raises
     ------
     DataError
@@ -112,15 +107,7 @@ def knows_stiffness(axis: Axis) -> bool:
 
 
 def _sheet_model(axis: Axis, place_m: float) -> Model:
-    """The data sheets at a place of the carriage, with what the axis file leaves open as it usually is; no friction.
-
-    Parameters
-    ----------
-    axis : Axis
-        Of any kind.
-    place_m : float, m
-        Carriage, for the stiffness of a belt.
-    """
+    """The data sheets at a place of the carriage, with what the axis file leaves open as it usually is; no friction."""
     known_belt = knows_stiffness(axis)
     values = {
         "motor.inertia": axis.motor_side_inertia_kg_m2 if axis.get("motor.inertia_kg_m2") else USUAL["motor.inertia"],
@@ -147,12 +134,6 @@ def belt_start(axis: Axis, excited: Sequence[Recording], counts_per_rev: int) ->
     excited : sequence of Recording
         One at least.
     counts_per_rev : int
-        Of the encoder.
-
-    Returns
-    -------
-    Model
-        Start values of a fit.
     """
     record = max(excited, key=lambda r: float(np.std(r.torque)) * np.sqrt(len(r.t_s)))
     if axis.rigid:
@@ -201,35 +182,14 @@ def correct_by_slow_motion(found: Model, sheet: Model, recordings: Sequence[Reco
 
 
 def _is_belt_axis(axis: Axis, recordings: Sequence[Recording]) -> bool:
-    """True if the records are taken at a motor that drives a belt.
-
-    Returns
-    -------
-    bool
-        By the data sheet's pulley.
-    """
+    """True if the records are taken at a motor that drives a belt, by the data sheet's pulley."""
     return axis.get("pulley.effective_radius_m") is not None and all(r.side == "motor" for r in recordings)
 
 
 def _rigid_start(axis: Axis, recordings: Sequence[Recording]) -> Model:
-    """Inertia, viscous and Coulomb friction by least squares over all records; N m and rad, or N and m, or A and rad.
+    """Inertia, viscous and Coulomb friction by least squares over all records of one side; N m and rad, or N and m, or A and rad.
 
-    Parameters
-    ----------
-    axis : Axis
-        For the inertia of its motor.
-    recordings : sequence of Recording
-        All taken on one side.
-
-    Returns
-    -------
-    Model
-        Without a belt.
-
-    Raises
-    ------
-    DataError
-        For records of different sides, and for numbers that no axis has.
+    Raises DataError for records of different sides, and for numbers that no axis has.
     """
     if len({record.side for record in recordings}) > 1:
         raise DataError("the recordings of this run are taken on different sides (motor, load, ampere); put them into runs of their own")

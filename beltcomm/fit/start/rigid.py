@@ -108,22 +108,7 @@ def _solved(rows: Array, torque: Array) -> tuple[Array, float]:
 
 
 def _low_passed_rows(position: Array, torque: Array, sample_s: float, step_rad: float) -> tuple[Array, Array, Array]:
-    """Rows of the rigid equation of motion behind one low-pass, without its ends.
-
-    Parameters
-    ----------
-    position, torque : ndarray, (n,)
-        rad and N m, motor shaft.
-    sample_s : float, s
-        Sample period.
-    step_rad : float, rad
-        Step of the encoder.
-
-    Returns
-    -------
-    tuple of ndarray (m, 3), ndarray (m,), ndarray (m,)
-        Acceleration, speed and sign of the speed; torque; place.
-    """
+    """Rows of the rigid equation of motion behind one low-pass, without its ends: acceleration, speed, its sign, (m, 3); torque; place."""
     width, smooth_angle = legible(position, sample_s, step_rad)
     speed = np.gradient(smooth_angle, sample_s)
     acceleration = np.gradient(speed, sample_s)

@@ -115,7 +115,6 @@ def clearly_moves(recording: Recording, counts_per_rev: int) -> bool:
     recording : Recording
         Of any kind.
     counts_per_rev : int
-        Of the encoder.
 
     Returns
     -------
@@ -162,14 +161,10 @@ class _OpenLoop:
         self._time_s = recording.sidecar.session_time_s or 0.0
 
     def left(self, model: Model, late_s: float, lag_s: float, step: float) -> Array:
-        """From row to row, measured motion less simulated, rad, (n - 1,).
+        """From row to row, measured motion less simulated, rad, (n - 1,), with dead time and time constant from torque setpoint to acting
+        torque.
 
-        Parameters
-        ----------
-        late_s, lag_s : float
-            Dead time and time constant from torque setpoint to acting torque, s.
-        step : float
-            Fastest eigenvalue times step of the simulation, at most.
+        ``step``: fastest eigenvalue times step of the simulation, at most.
         """
         rate = fastest_rate(model, operating_point(model, self._place_m))
         cells = math.ceil(self.sample_s * max(rate / (step * SUBSTEPS), 1.0 / CELL_S))
@@ -203,17 +198,7 @@ class SteadyPasses:
     error_nm: Array
 
     def left(self, model: Model) -> Array:
-        """Torque that the friction of a model leaves, over what it counts with:  (τ - τ_C sign ω - d ω - τ_0)/σ.
-
-        Parameters
-        ----------
-        model : Model
-
-        Returns
-        -------
-        ndarray
-            (n,).
-        """
+        """Torque that the friction of a model leaves, over what it counts with:  (τ - τ_C sign ω - d ω - τ_0)/σ, (n,)."""
         friction = total_friction(model) * np.sign(self.speed_rad_s) + total_viscous(model) * self.speed_rad_s
         return np.asarray((self.torque_nm - friction - model.get("constant_offset.torque")) / self._apart(PASSES_COUNT))
 

@@ -51,11 +51,6 @@ def acting_recordings(recordings: Sequence[Recording], path: TorquePath | None) 
         As the drive reported them.
     path : TorquePath or None
         None takes the reading.
-
-    Returns
-    -------
-    list of Recording
-        In their order.
     """
     return [acting_recording(recording, path) for recording in recordings]
 
@@ -74,7 +69,6 @@ def stated_remarks(path: TorquePath, stated: StatedReading | None, sample_s: flo
     stated : StatedReading or None
         By the profile.
     sample_s : float, s
-        Sampling period.
     """
     if stated is None:
         return []

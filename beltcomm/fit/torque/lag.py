@@ -41,20 +41,7 @@ class Lag:
     intervals: tuple[float, ...] = field(default=(), compare=False)
 
     def answer(self, cells: Array, sample_s: float) -> Array:
-        """The lag's answer to a torque, at rest before.
-
-        Parameters
-        ----------
-        cells : ndarray (n, cells), N m
-            Mean over each cell of every period.
-        sample_s : float, s
-            Sampling period.
-
-        Returns
-        -------
-        ndarray
-            Shape of ``cells``, N m.
-        """
+        """The lag's answer to the mean torque in each cell of every period, N m, (n, cells), at rest before."""
         if self.kind == "sampled":
             return _follow_samples(cells, self.values[0])
         u, h = np.ascontiguousarray(cells).reshape(-1), sample_s / cells.shape[1]
@@ -68,18 +55,7 @@ class Lag:
         return means.reshape(cells.shape)
 
     def poles(self, sample_s: float) -> tuple[complex, ...]:
-        """Poles in the clock of the samples.
-
-        Parameters
-        ----------
-        sample_s : float, s
-            Sampling period.
-
-        Returns
-        -------
-        tuple of complex
-            None of a slew rate, which is not linear.
-        """
+        """Poles in the clock of the samples; none of a slew rate, which is not linear."""
         if self.kind == "sampled":
             return (1.0 - self.values[0],)
         if self.kind == "slew rate":
@@ -95,17 +71,7 @@ class Lag:
         return -omega * (ratio + root), -omega * (ratio - root)
 
     def delay_s(self, sample_s: float) -> float:
-        """Delay of a slow torque.
-
-        Parameters
-        ----------
-        sample_s : float, s
-            Sampling period.
-
-        Returns
-        -------
-        float, s
-        """
+        """Delay of a slow torque."""
         if self.kind == "slew rate":
             return 0.0
         if self.kind == "sampled":

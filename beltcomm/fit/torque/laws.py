@@ -34,21 +34,7 @@ class DriveLaw:
     delay_interval: float = field(default=0.0, compare=False)
 
     def cells(self, setpoint: Array, sample_s: float, number: int = CELLS) -> Array:
-        """Acting torque inside every period; a setpoint is held until the next one.
-
-        Parameters
-        ----------
-        setpoint : ndarray (n,), N m, motor shaft
-        sample_s : float, s
-            Sampling period.
-        number : int
-            Cells per period.
-
-        Returns
-        -------
-        ndarray
-            Mean over each cell, (n, number), N m.
-        """
+        """Mean acting torque in each of ``number`` cells of every period, N m, (n, number); a setpoint is held until the next one."""
         whole = math.floor(self.delay)
         # A limited slew rate does not see where within a cell its command changes; it may as well act ahead of the delay.
         ahead = any(lag.kind == "slew rate" for lag in self.lags)
@@ -61,17 +47,7 @@ class DriveLaw:
         return np.asarray(cells)
 
     def delay_s(self, sample_s: float) -> float:
-        """Delay of a slow torque.
-
-        Parameters
-        ----------
-        sample_s : float, s
-            Sampling period.
-
-        Returns
-        -------
-        float, s
-        """
+        """Delay of a slow torque."""
         return self.delay * sample_s + sum(lag.delay_s(sample_s) for lag in self.lags)
 
 
@@ -99,19 +75,7 @@ class ReadingLaw:
         return self.late == 0.0 and not self.lags and not self.at_end
 
     def read(self, cells: Array, sample_s: float) -> Array:
-        """The reading that a torque gives, without noise.
-
-        Parameters
-        ----------
-        cells : ndarray (n, cells), N m
-            Mean over each cell of every period.
-        sample_s : float, s
-            Sampling period.
-
-        Returns
-        -------
-        ndarray (n,), N m
-        """
+        """The reading, N m, (n,), without noise, that the mean torque in each cell of every period gives, (n, cells)."""
         for lag in self.lags:
             cells = lag.answer(cells, sample_s)
         if self.at_end:
@@ -120,17 +84,7 @@ class ReadingLaw:
         return row_means(_late(cells, self.late))
 
     def delay_s(self, sample_s: float) -> float:
-        """Delay of a slow torque.
-
-        Parameters
-        ----------
-        sample_s : float, s
-            Sampling period.
-
-        Returns
-        -------
-        float, s
-        """
+        """Delay of a slow torque."""
         return self.late * sample_s + sum(lag.delay_s(sample_s) for lag in self.lags)
 
 

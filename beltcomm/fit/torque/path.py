@@ -26,7 +26,6 @@ import numpy as np
 from beltcomm.arrays import Array, row_means
 from beltcomm.fit.noise.colour import NoiseColour, deconvolve, undone_noise
 from beltcomm.fit.noise.process_torque import ProcessTorque, Unread, process_from_dict, process_to_dict, with_unread
-from beltcomm.fit.torque.instantaneous import spline_cells, spline_noise
 from beltcomm.fit.torque.lag import VALUES, Lag
 from beltcomm.fit.torque.laws import DriveLaw, ReadingLaw
 from beltcomm.simulate.imperfect import CELLS, Intersample
@@ -37,6 +36,8 @@ HELD = 1e-6
 APART = 0.25
 #: Samples before a pulse and behind the end of its answer, share of it that has died away, and slowest pole until then.
 BEFORE, BEHIND, FADED, SLOWEST = 4, 8, 1e-9, 0.97
+#: Zeros inside the unit circle of the splines of fifth and third order at the samples, twice in place of those outside.
+_FIFTH, _THIRD = 2 * (-0.430575347099973, -0.0430962882032647), 2 * (-0.267949192431123,)
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,7 @@ class TorquePath:
             Mean over each period, (n,), N m, and its spread inside.
         """
         if self.instantaneous:
-            cells = spline_cells(torque, self.reading.late, CELLS)
+            cells = _spline_cells(torque, self.reading.late, CELLS)
             means = row_means(cells)
             return means, Intersample(cells - means[:, None])
         if self.drive is None or setpoint is None:
@@ -163,7 +164,7 @@ class TorquePath:
             For a path that cannot be undone.
         """
         if self.instantaneous:
-            return spline_noise(pole)
+            return _spline_noise(pole)
         if self.commanded or (self.reading.faithful and self.drive is None) or not (self.without_setpoint or self.drive is None):
             return self._beside_setpoint(pole, sample_s)
         shown, cells, poles = self._answers(sample_s)
@@ -348,3 +349,35 @@ def path_from_dict(data: Mapping[str, Any]) -> TorquePath:
     process = process_from_dict(data.get("process"))
     unseen, instantaneous = (bool(data.get(key, False)) for key in ("unseen", "instantaneous"))
     return TorquePath(law, reading, bool(data["commanded"]), float(data["acts"]), unseen, rivals, process, instantaneous)
+
+
+def _spline_cells(torque: Array, late: float, cells: int) -> Array:
+    """Mean over each cell of every period, N m, (n, cells), of readings at instants that are ``late`` by so many periods, (n,).
+
+    Between the samples the torque is a cubic spline, y(t) = Σ c[k] B₃(t/T - k), as the angle is (``noise.propagation``); before the first
+    reading it is that, and behind the last one that.
+    """
+    from scipy.interpolate import CubicSpline  # takes a second to import, and most torques are held
+
+    n = len(torque)
+    if n == 1:
+        return np.full((1, cells), torque[0])
+    whole = CubicSpline(np.arange(n), torque).antiderivative()
+    edges = np.arange(n * cells + 1) / cells + late
+    inside = np.clip(edges, 0.0, n - 1.0)
+    area = whole(inside) + (edges - inside) * np.where(edges < 0.0, torque[0], torque[-1])
+    return np.asarray(np.diff(area).reshape(n, cells) * cells)
+
+
+def _spline_noise(pole: float) -> NoiseColour:
+    """Colour in the residual of the noise of such readings; as of readings that are not late, for less than half a sample changes little.
+
+    The spline reaches the residual with the triangular mean over two periods:
+
+        Σ c[k] B₅(n - k):   b(z)/a(z) = (z² + 26 z + 66 + 26 z⁻¹ + z⁻²)/120 / ((z + 4 + z⁻¹)/6)
+
+    ``pole`` is that of the readings' noise, of variance 1.   Source: Unser, Splines, IEEE Signal Processing Magazine 16 (1999).
+    """
+    numerator, denominator = np.poly(_FIFTH), np.poly((*_THIRD, *((pole,) if pole else ())))
+    gain = np.sum(np.poly(_THIRD)) / np.sum(numerator)  # a steady torque is read as it is
+    return NoiseColour(pole, tuple(map(float, numerator * gain * np.sqrt(1.0 - pole**2))), tuple(map(float, denominator)))

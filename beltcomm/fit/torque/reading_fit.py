@@ -157,17 +157,7 @@ def _limits_slew(chain: ReadingFit) -> bool:
 
 
 def _best_chain(pairs: Sequence[Pair], sample_s: float, free: float, colour: float, *, limited: bool = False) -> ReadingFit | None:
-    """The chain that explains pairs best.
-
-    Parameters
-    ----------
-    free : float
-        What a free response leaves, N m rms.
-    colour : float
-        Of the noise.
-    limited : bool
-        Whether a limit of the slew rate is in it.
-    """
+    """The chain that explains pairs best; ``free`` is what a free response leaves, N m rms, ``limited`` tries a limit of the slew rate."""
     samples = sum(len(setpoint) for setpoint, _ in pairs)
     best = _fit_chain(pairs, sample_s, (), colour)
     delayed = best is not None
@@ -309,15 +299,7 @@ def _fit_chain(
     at_end: bool = False,
     values: Sequence[float] | None = None,
 ) -> ReadingFit | None:
-    """The best values of a chain, from every whole delay.
-
-    Parameters
-    ----------
-    colour : float
-        Of the noise, by which all is whitened.
-    values : sequence of float or None
-        That the search begins with.
-    """
+    """The best values of a chain, from every whole delay and from ``values``; all is whitened by the noise's ``colour``."""
     begin = _start(chain, pairs)
     if values is not None:
         begin = [(min(max(value, low), high), low, high) for value, (_, low, high) in zip(values, begin, strict=True)]
@@ -426,13 +408,7 @@ def _deviations(rest_at: Callable[[Array], Array], x: Array, rest: Array) -> Arr
 
 
 def _with_intervals(law: DriveLaw, deviations: Array) -> DriveLaw:
-    """The law with the half widths at 95 % of its values.
-
-    Parameters
-    ----------
-    deviations : ndarray
-        Of the unknowns of :func:`_law`, (k,).
-    """
+    """The law with the half widths at 95 % of its values, by the deviations of the unknowns of :func:`_law`, (k,)."""
     lags, place = [], 1
     for lag in law.lags:
         slopes = [share * (1.0 - share) for share in lag.values] if lag.kind == "sampled" else lag.values  # logistic and logarithms

@@ -28,7 +28,6 @@ def machines_like(model: Model, count: int, *, seed: int, held: Collection[str] 
     count : int
         How many.
     seed : int
-        Of the draws.
     held : collection of str
         Full names of what is drawn, but left as it is in the models.
 
@@ -90,7 +89,6 @@ def joint_draws(mean: Array, covariance: Array, low: Array, high: Array, count: 
     freedom : float
         f.
     seed : int
-        Of the draws.
 
     References
     ----------

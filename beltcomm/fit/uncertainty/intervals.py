@@ -120,13 +120,7 @@ class ParameterSpread:
     unexplained: float = 1.0
 
     def half_width(self, combination: Mapping[str, float]) -> float | None:
-        """Half the 95 % interval of a sum of parameters with these factors; None where one of them sits at a bound.
-
-        Parameters
-        ----------
-        combination : mapping of str to float
-            Factor of each parameter by its name.
-        """
+        """Half the 95 % interval of a sum of parameters with these factors, by name; None where one of them sits at a bound."""
         if any(name not in self.names or name in self.bound for name in combination):
             return None
         c = np.array([combination.get(name, 0.0) for name in self.names])
@@ -147,13 +141,7 @@ class ParameterSpread:
         return replace(over_time, matrix=over_time.correlation(self.names) * np.outer(deviation, deviation))
 
     def share_within_bounds(self, model: Model) -> dict[str, float]:
-        """Share of the half width of each parameter that is left where no friction is below its bound.
-
-        Parameters
-        ----------
-        model : Model
-            Its values and bounds.
-        """
+        """Share of the half width of each parameter that is left where no friction is below its bound."""
         low = np.array([model.parameters[name].low if name.startswith(RUBBING) else -np.inf for name in self.names])
         mean = np.array([model[name] for name in self.names])
         return dict(zip(self.names, map(float, share_within_bounds(mean, self.covariance, low, self.freedom)), strict=True))
@@ -419,15 +407,7 @@ def with_intervals(fitted: Fitted) -> Model:
 
 
 def _noise_information(problem: Problem, x: Array, weights: Array) -> Array:
-    """Expected sum of squares of the module, (p, p), in nats per scaled unknown squared.
-
-    Parameters
-    ----------
-    x : ndarray
-        Scaled unknowns, p of them shared by all segments.
-    weights : ndarray
-        Of the values of the whitened residual, (n,).
-    """
+    """Expected sum of squares of the module, (p, p), in nats per scaled unknown squared; ``x`` are p unknowns that all segments share."""
     own = len(problem.free)
     found = np.zeros((own, own))
     moved = [j for j in range(own) if problem.touches_noise[j]]

@@ -161,11 +161,6 @@ def held_remarks(model: Model) -> list[str]:
     ----------
     model : Model
         With or without such parameters.
-
-    Returns
-    -------
-    list of str
-        One for each.
     """
     held = [(name, item) for name, item in model.parameters.items() if item.origin in (HELD, SLOW) and item.interval is not None]
     return [

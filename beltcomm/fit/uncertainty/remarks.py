@@ -23,16 +23,6 @@ def _upper_limit(estimate: float, deviation: float) -> float:
     """Upper 95 % limit of a quantity that cannot be negative, seen as estimate ± deviation (normal, cut off at 0).
 
     Φ((estimate - limit)/deviation) = 0.05 Φ(estimate/deviation)
-
-    Parameters
-    ----------
-    estimate, deviation : float
-        In one unit.
-
-    Returns
-    -------
-    float
-        In their unit.
     """
     return float(estimate - deviation * ndtri_exp(math.log(0.05) + log_ndtr(estimate / deviation)))
 
@@ -93,11 +83,6 @@ def remarks_on_pairs(names: Sequence[str], items: Sequence[Value], correlation: 
         With intervals.
     correlation : ndarray, (k, k)
         Of their estimates.
-
-    Returns
-    -------
-    list of str
-        A sentence for each pair.
     """
     badly = [item.interval is not None and item.interval > BADLY_KNOWN_SHARE * abs(item.value) for item in items]
     return [

@@ -52,12 +52,7 @@ def begin(meanwhile: Iterable[Callable[[], object]] = ()) -> None:
 
 
 def start(command: Sequence[str]) -> None:
-    """Run a command beside this process, which ends it with itself; :func:`wait` waits for it.
-
-    Parameters
-    ----------
-    command : sequence of str
-    """
+    """Run a command beside this process, which ends it with itself; :func:`wait` waits for it."""
     if _beside:
         return
     try:
@@ -89,11 +84,6 @@ def after_waiting(kernel: Callable[_P, _R]) -> Callable[_P, _R]:
     ----------
     kernel : callable
         Compiled.
-
-    Returns
-    -------
-    callable
-        The same call.
     """
 
     @wraps(kernel)

@@ -105,13 +105,7 @@ def _smooth_forces(a: LinearAxis, n: int, x: Array, f: Array) -> None:
 
 @in_lanes
 def _rates(a: LinearAxis, n: int, x: Array, f: Array, torque: float, slide: Array, w: Array) -> int:
-    """w = x' and the number of the set that sticks.
-
-    Parameters
-    ----------
-    slide : ndarray
-        Of those that rub, +1 or -1, 0 where stuck.
-    """
+    """w = x' and the number of the set that sticks; ``slide`` of those that rub: +1 or -1, 0 where stuck."""
     for i in range(n):
         w[i] = x[n + i]
         w[n + i] = f[i]
@@ -164,19 +158,9 @@ def _polynomial(series: Array, stuck: int, row: int, w: Array, share: float, sta
 def _advance_piece(
     a: LinearAxis, t: Tables, n: int, x: Array, f: Array, torque: float, slide: Array, doubtful: Array, y: Array, after: Array, s: Scratch
 ) -> float:
-    """One piece with all that happens in it; x, f and slide in place.
+    """One piece with all that happens in it, x, f and slide in place; the largest |belt force|, NaN where events do not end.
 
-    Parameters
-    ----------
-    doubtful : ndarray
-        Of those that rub, 0 where nothing can happen.
-    y, after : ndarray
-        x and f at its end when nothing happens.
-
-    Returns
-    -------
-    float
-        The largest |belt force|, NaN where events do not end.
+    ``doubtful`` of those that rub: 0 where nothing can happen; ``y``, ``after``: x and f at its end when nothing happens.
     """
     watched = slide.shape[0]
     w, p, moved, kept, fresh = s

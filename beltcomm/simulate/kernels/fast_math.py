@@ -94,12 +94,7 @@ def cos(x: float) -> float:
 
 @_inlined
 def exp(x: float) -> float:
-    """exp x by its series within ±ln 2/2; 3e-308 where it would be less, and no more than at 709.
-
-    Parameters
-    ----------
-    x : float
-    """
+    """exp x by its series within ±ln 2/2; 3e-308 where it would be less, and no more than at 709."""
     x = min(max(x, -708.0), 709.0)
     n = (x * _PER_LN2 + _ROUND) - _ROUND
     r = (x - n * _LN2_1) - n * _LN2_2
@@ -115,11 +110,6 @@ def power(x: float, y: float) -> float:
     """x^y = exp(y ln x) for x ≥ 0, y > 0;  ln x = e ln 2 + 2 artanh((m - 1)/(m + 1)),  x = m 2^e,  m within √½ and √2.
 
     A square, the usual form of the laws that have a power, is one product: this branch never changes within a record.
-
-    Parameters
-    ----------
-    x : float
-    y : float
     """
     if y == 2.0:
         return x * x
@@ -136,15 +126,7 @@ def power(x: float, y: float) -> float:
 
 @numba.njit(error_model="numpy", fastmath={"contract", "reassoc"})  # the sum in as many parts as stand in a register
 def waves(angle: float, orders: Array, sizes: Array, phases: Array) -> float:
-    """Σ size_k sin(order_k angle + phase_k); fastest for m a multiple of 4.
-
-    Parameters
-    ----------
-    angle : float, rad
-    orders : ndarray, (m,)
-    sizes : ndarray, (m,)
-    phases : ndarray, (m,), rad
-    """
+    """Σ size_k sin(order_k angle + phase_k); fastest for m a multiple of 4."""
     total = 0.0
     for k in range(orders.shape[0]):
         total += sizes[k] * sin(orders[k] * angle + phases[k])
@@ -157,13 +139,7 @@ _math.__dict__.update(sin=sin, cos=cos, exp=exp, pow=power)
 
 
 def fast(law: Callable[..., Any]) -> Callable[..., Any]:
-    """The law, and every compiled function that it calls, on the functions of this module.
-
-    Parameters
-    ----------
-    law : callable
-        Of plain floats, compiled or not.
-    """
+    """The law, and every compiled function that it calls, on the functions of this module."""
     plain = getattr(law, "py_func", law)
     seen = {name: plain.__globals__[name] for name in plain.__code__.co_names if name in plain.__globals__}
     for name, value in seen.items():

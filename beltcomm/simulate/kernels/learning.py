@@ -30,7 +30,6 @@ def with_memory(watch: ObserverState) -> ObserverState:
     Parameters
     ----------
     watch : ObserverState
-        The observer.
     """
     size, noises = max(SIZE, len(watch.s)), max(NOISES, len(watch.variances))
     own, wide = size - 2, -(-size // LANES) * LANES
@@ -58,14 +57,7 @@ def _results(size: int, noises: int, wide: int) -> tuple[int, int]:
 def _predict_covariance(size: int, noises: int, wide: int, share: float, keep: bool, room: Array) -> float:
     """k and the covariance ahead, which stand in ``room``; variance of ν, (N m)², 0 where it does not count.
 
-    Parameters
-    ----------
-    wide : int
-        Numbers in a row of ``room``.
-    share : float
-        Of the sample in which the gap is closed.
-    keep : bool
-        Whether the sample counts.
+    ``wide``: numbers in a row of ``room``; ``share`` of the sample in which the gap is closed; ``keep``: the sample counts.
     """
     own, variance = size - 2, 0.0
     P, k = _results(size, noises, wide)

@@ -13,7 +13,6 @@ Source: Anderson, Moore, Optimal Filtering, 1979, section 8.2.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -161,17 +160,6 @@ LEARNED = ("keep", "variances", "gains", "deviations", "shares", "lost", "forget
 OBSERVED = ("keep", "F", "s", "ahead", "gains", "deviations", "shares", "white")
 TAKEN = ("behind", "s")
 TOUCHED = ("wanted", "keep", "lost", "deviations", "shares", "half_gap_m", "stiffness", "held")
-
-
-def kernel_arguments(fields: Sequence[str]) -> str:
-    """Arguments of a call, as the generated kernel names the fields of its ``ObserverState``.
-
-    Parameters
-    ----------
-    fields : sequence of str
-        Of :class:`ObserverState`.
-    """
-    return ", ".join(f"see_{field}" for field in fields)
 
 
 def expected_innovation(n: int, left: float, H: Array, s: Array, shares: Array) -> float:

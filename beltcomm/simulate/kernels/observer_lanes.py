@@ -84,7 +84,6 @@ def observed_rows(watch: ObserverState) -> tuple[float, ...]:
     Parameters
     ----------
     watch : ObserverState
-        The observer.
     """
     return (watch.half_gap_m, watch.stiffness, *watch.spread)
 
@@ -123,15 +122,7 @@ def _lay_out(watch: ObserverState, own: int) -> Array:
 
 @within_lanes
 def _expected_eight(rows: LaneRows, o: Array, share: Vector, left: Vector, nothing: tuple[int, int]) -> Vector:
-    """ν[n] of eight lanes, N m.
-
-    Parameters
-    ----------
-    left : Vector
-        e[n], N m.
-    nothing : tuple of int
-        What of s is 0.
-    """
+    """ν[n] of eight lanes, N m, ``left`` being e[n], N m, and ``nothing`` what of s is 0."""
     for a in range(rows.size):
         if a != nothing[0] and a != nothing[1]:
             h = at(o, LANES * (rows.H + a)) + share * at(o, LANES * (rows.H + rows.size + a))
@@ -201,15 +192,7 @@ def _learn_eight(rows: LaneRows, o: Array, passes: BoolArray, reaches: BoolArray
 
 @within_lanes
 def _observe_eight(rows: LaneRows, o: Array, passes: BoolArray, share: Vector, innovation: Vector, nothing: tuple[int, int]) -> None:
-    """s[n+1] of eight lanes.
-
-    Parameters
-    ----------
-    innovation : Vector
-        ν[n], N m, 0 where it does not count.
-    nothing : tuple of int
-        What of s is 0.
-    """
+    """s[n+1] of eight lanes by ν[n], N m, 0 where it does not count; ``nothing`` is what of s is 0."""
     size, own = rows.size, rows.own
     F, states, become = LANES * rows.F, LANES * rows.states, LANES * rows.become
     for a in range(size):

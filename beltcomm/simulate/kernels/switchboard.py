@@ -63,18 +63,7 @@ class Switchboard:
     rubs: tuple[int, ...]
 
     def masked_vector(self, vector: Array) -> Array:
-        """The vector of the masked kernel.
-
-        Parameters
-        ----------
-        vector : ndarray, SI
-            Parameters of the model.
-
-        Returns
-        -------
-        ndarray
-            Parameters of the whole catalogue, 0 for those that the model has not.
-        """
+        """The vector of the masked kernel: parameters of the whole catalogue, SI, 0 for those that the model has not."""
         p = np.zeros(_CATALOGUE_SIZE)
         p[self.places] = vector
         return p

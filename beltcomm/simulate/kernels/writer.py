@@ -37,7 +37,6 @@ from beltcomm.simulate.kernels.observer import (
     TOUCHED,
     contact,
     expected_innovation,
-    kernel_arguments,
     observe,
     take_correction,
 )
@@ -130,11 +129,7 @@ class Writer:
     def masked_kernel(cls, effects: Iterable[Effect], *, in_vectors: bool = False) -> Writer:
         """A masked kernel that knows these effects, on the parameter vector and the switches of the whole catalogue.
 
-        Parameters
-        ----------
-        effects : iterable of Effect
-        in_vectors : bool
-            Whether its variables are those of eight models, and its laws such of ``branchless``.
+        With ``in_vectors`` its variables are those of eight models, and its laws such of ``branchless``.
         """
         writer = cls.__new__(cls)
         writer.masked, writer.in_vectors = True, in_vectors
@@ -156,35 +151,17 @@ class Writer:
     # -- switches ---------------------------------------------------------------------------------------------------------------
 
     def when(self, effect: Effect, lines: list[str]) -> list[str]:
-        """Lines that count only when the effect is on.
-
-        Parameters
-        ----------
-        effect : Effect
-        lines : list of str
-        """
+        """Lines that count only when the effect is on."""
         if not self.masked or not lines:
             return lines
         return [f"if s{self.switch[effect.name]}:", *("    " + line for line in lines)]
 
     def group_effects(self, lines: list[str]) -> tuple[list[str], list[str]]:
-        """Lines that set switches for several effects that are seldom on, and the lines behind them; see ``switch_groups``.
-
-        Parameters
-        ----------
-        lines : list of str
-        """
+        """Lines that set switches for several effects that are seldom on, and the lines behind them; see ``switch_groups``."""
         return group(lines, {f"s{self.switch[name]}" for name in USUAL})
 
     def with_body(self, i: int, lines: list[str]) -> list[str]:
-        """Lines that count only when body i is there.
-
-        Parameters
-        ----------
-        i : int
-            Number of the body, 0 for the motor.
-        lines : list of str
-        """
+        """Lines that count only when body i, 0 for the motor, is there."""
         name = self.bodies[i][1].name
         if not self.masked or i == 0:
             return lines
@@ -193,25 +170,15 @@ class Writer:
         return [f"if {test}:", *("    " + line for line in lines)]
 
     def effects_of_slot(self, slot: str) -> list[Effect]:
-        """Effects of a slot that have a law.
-
-        Parameters
-        ----------
-        slot : str
-        """
+        """Effects of a slot that have a law."""
         return [e for e in self.effects if e.slot == slot and e.law is not None]
 
     # -- names ------------------------------------------------------------------------------------------------------------------
 
     def law(self, function: Callable[..., object], in_lanes: bool = False) -> str:
-        """Name of a law in the module.
+        """Name of a law, of an effect or of the kernels' pieces, in the module.
 
-        Parameters
-        ----------
-        function : callable
-            Of an effect or of the kernels' pieces.
-        in_lanes : bool
-            For a loop over samples that do not know each other, on ``fast_math``.
+        ``in_lanes``: for a loop over samples that do not know each other, on ``fast_math``.
         """
         name = f"{function.__module__.rsplit('.', 1)[1]}__{function.__name__}"
         self.laws[name] = function
@@ -220,17 +187,7 @@ class Writer:
         return name
 
     def arguments(self, effect: Effect) -> str:
-        """Arguments of a law behind those of its slot.
-
-        Parameters
-        ----------
-        effect : Effect
-
-        Returns
-        -------
-        str
-            Begins with a comma; "" for none.
-        """
+        """Arguments of a law behind those of its slot, beginning with a comma; "" for none."""
         names = [*effect.full_names(), *effect.uses]
         local = {BELT_STIFFNESS: ", k_belt", BELT_DAMPING: ", d_belt"}
         value = "p{}" if self.masked else "p[{}]"
@@ -273,18 +230,7 @@ class Writer:
     # -- forces -----------------------------------------------------------------------------------------------------------------
 
     def driving_end(self, speed: str) -> list[str]:
-        """u, du and the lever of the end that drives the belt.
-
-        Parameters
-        ----------
-        speed : str
-            Letter of the kernel's speeds.
-
-        Returns
-        -------
-        list of str
-            Lines that set them.
-        """
+        """Lines that set u, du and the lever of the end that drives the belt."""
         angle, rate = "q0", f"{speed}0"
         lines = []
         if self.driven is not None and not self.masked:
@@ -312,13 +258,7 @@ class Writer:
         return [*lines, "lever = ratio * gain", f"u = ratio * ({angle} + ahead)", f"du = lever * {rate}"]
 
     def forces(self, speed: str) -> list[str]:
-        """f_i from positions q_i and speeds ``speed``_i; ``strand`` is the belt force between driven end and carriage.
-
-        Parameters
-        ----------
-        speed : str
-            Letter of the kernel's speeds.
-        """
+        """f_i from positions q_i and speeds ``speed``_i; ``strand`` is the belt force between driven end and carriage."""
         count = range(len(self.bodies))
         lines = [f"f{i} = 0.0" for i in count] + ["strand = 0.0", "pull = 0.0", f"x = {self.carriage()}"]
         lines += self.driving_end(speed)
@@ -334,14 +274,7 @@ class Writer:
         return [*lines, *self.to_driving_end()]
 
     def force(self, effect: Effect, speed: str) -> list[str]:
-        """Force of one effect on its body; what acts on the carriage acts on the driven body of an axis without a belt.
-
-        Parameters
-        ----------
-        effect : Effect
-        speed : str
-            Letter of the kernel's speeds.
-        """
+        """Force of one effect on its body; what acts on the carriage acts on the driven body of an axis without a belt."""
         assert effect.law is not None
         law, rest = self.law(effect.law), f"t{self.arguments(effect)}"
         lever, angle, rate = ("ratio * ", "ratio * q0", f"ratio * {speed}0") if self.bodies[0][1].rotary else ("", "q0", f"{speed}0")
@@ -406,15 +339,7 @@ class Writer:
     # -- friction ---------------------------------------------------------------------------------------------------------------
 
     def levels(self, speed: str, wanted: range) -> list[str]:
-        """l_i for every wanted body that has set-valued friction; after ``forces``.
-
-        Parameters
-        ----------
-        speed : str
-            Letter of the kernel's speeds.
-        wanted : range
-            Numbers of bodies.
-        """
+        """l_i for every wanted body that has set-valued friction; after ``forces``."""
         lines = []
         for i in wanted:
             if not self.has_level(i):
@@ -429,23 +354,11 @@ class Writer:
         return lines
 
     def has_level(self, i: int) -> bool:
-        """True if body i has set-valued friction.
-
-        Parameters
-        ----------
-        i : int
-            Number of the body.
-        """
+        """True if body i has set-valued friction."""
         return bool(self.with_level(i))
 
     def with_level(self, i: int) -> list[Effect]:
-        """Effects that give body i set-valued friction.
-
-        Parameters
-        ----------
-        i : int
-            Number of the body.
-        """
+        """Effects that give body i set-valued friction."""
         return [e for e in self.effects if e.slot in ("friction_level", "load_friction") and self.number.get(e.body) == i]
 
     def onsets(self) -> dict[int, Effect]:
@@ -453,33 +366,15 @@ class Writer:
         return {self.number[e.body]: e for e in self.effects_of_slot("friction_onset") if e.body in self.number}
 
     def turn(self, i: int, step: str) -> str:
-        """Line that turns the friction of body i round over a step.
-
-        Parameters
-        ----------
-        i : int
-            Number of the body.
-        step : str
-            Expression in m at the belt.
-        """
+        """Line that turns the friction of body i round over a step, an expression in m at the belt."""
         effect = self.onsets()[i]
         assert effect.law is not None
         return f"z{i} = {self.law(effect.law)}({step}, z{i}{self.arguments(effect)})"
 
     def kick(self, torque: str) -> list[str]:
-        """New velocities of all bodies of a forward kernel; leaves f_i, strand and l_i of the second pass.
+        """Lines for new velocities of all bodies of a forward kernel under a torque, N m; leaves f_i, strand and l_i of the second pass.
 
         One text for both passes, in the first of which the mean of old and new is the old velocity: half as much to compile.
-
-        Parameters
-        ----------
-        torque : str
-            Expression of the torque at the motor, N m.
-
-        Returns
-        -------
-        list of str
-            Lines.
         """
         everyone = range(len(self.bodies))
         step = [f"w{i} = 0.5 * (v{i} + g{i})" for i in everyone] + self.forces("w") + self.levels("w", everyone)
@@ -519,7 +414,7 @@ class Writer:
         """Corrects the bodies behind the motor at the end of every sample, by what the torque says of them; ``observer``."""
         correct = []
         for i in range(1, len(self.bodies)):
-            at = f"see_places[{i}], {kernel_arguments(TAKEN)}"
+            at = f"see_places[{i}], {_kernel_arguments(TAKEN)}"
             correct += [f"place, speed = {self.law(take_correction)}({at})", f"q{i} -= place", f"v{i} -= speed", f"o{i} -= speed"]
         sample = [
             "before = k // see_substeps - 1",
@@ -529,12 +424,12 @@ class Writer:
             "see_left[before] = left",
             "if see_learning:",
             "    see_shares[before] = see_held[before] * (shut / inside)",
-            f"innovation = {self.law(expected_innovation)}(before, left, {kernel_arguments(EXPECTED)})",
+            f"innovation = {self.law(expected_innovation)}(before, left, {_kernel_arguments(EXPECTED)})",
             "if see_learning:",
-            f"    {self.law(learn)}(before, innovation, {kernel_arguments(LEARNED)})",
-            f"{self.law(observe)}(before, innovation, {kernel_arguments(OBSERVED)})",
+            f"    {self.law(learn)}(before, innovation, {_kernel_arguments(LEARNED)})",
+            f"{self.law(observe)}(before, innovation, {_kernel_arguments(OBSERVED)})",
             *correct,
-            f"q{self.cart} -= {self.law(contact)}(before, lever, u - q{self.cart}, {kernel_arguments(TOUCHED)})",
+            f"q{self.cart} -= {self.law(contact)}(before, lever, u - q{self.cart}, {_kernel_arguments(TOUCHED)})",
             "inside, shut = 0, 0.0",
         ]
         return ["if watched and k > 0:", "    inside += 1", "    shut += closed", "    if inside == see_substeps:", *indent(sample, 2)]
@@ -542,49 +437,16 @@ class Writer:
     # -- how a stretch begins ---------------------------------------------------------------------------------------------------
 
     def start(self, i: int) -> str:
-        """Position of body i when the belt is not stretched and the motor is at ``q0``.
-
-        Parameters
-        ----------
-        i : int
-            Number of the body.
-
-        Returns
-        -------
-        str
-            Expression.
-        """
+        """Position of body i when the belt is not stretched and the motor is at ``q0``."""
         rotary = self.bodies[i][1].rotary
         return "q0" if rotary == self.bodies[0][1].rotary else "u"
 
     def follow(self, i: int) -> str:
-        """Speed of body i when it goes with the motor.
-
-        Parameters
-        ----------
-        i : int
-            Number of the body.
-
-        Returns
-        -------
-        str
-            Expression.
-        """
+        """Speed of body i when it goes with the motor."""
         return "first" if self.bodies[i][1].rotary == self.bodies[0][1].rotary else "lever * first"
 
     def assemble(self, functions: list[list[str]]) -> str:
-        """The module: imports, compiled laws, functions, and a hash of all laws (a changed law must not meet old machine code).
-
-        Parameters
-        ----------
-        functions : list of list of str
-            Lines of each.
-
-        Returns
-        -------
-        str
-            Python source.
-        """
+        """The module: imports, compiled laws, functions, and a hash of all laws (a changed law must not meet old machine code)."""
         body = "\n\n\n".join("\n".join(part) for part in functions)
         imports = [f"from {law.__module__} import {law.__name__} as _{name}" for name, law in sorted(self.laws.items())]
         single = "in_vectors(_{0})" if self.in_vectors else "within_kernels(getattr(_{0}, 'py_func', _{0}))"
@@ -604,3 +466,8 @@ class Writer:
         if self.in_vectors:
             made_of, modules = [*made_of, brought, advance_sample], [*modules, branchless.__name__]
         return "\n".join(head) + "\n\n\n" + body + f"\n# {fingerprint(made_of, modules)}\n"
+
+
+def _kernel_arguments(fields: Sequence[str]) -> str:
+    """Arguments of a call, as the generated kernel names the fields of its ``ObserverState``."""
+    return ", ".join(f"see_{field}" for field in fields)

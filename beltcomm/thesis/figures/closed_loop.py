@@ -27,18 +27,7 @@ def _drawn(run: SimulatedMove) -> tuple[Array, ...]:
 
 
 def figures(study: ClosedLoopStudy, caption: Caption) -> Mapping[str, Figure]:
-    """Five panels one above the other; what was stopped is left out.   Errors are linear within 1 mm and logarithmic beyond.
-
-    Parameters
-    ----------
-    study : ClosedLoopStudy
-    caption : Caption
-
-    Returns
-    -------
-    mapping of str to Figure
-        By the name of the file.
-    """
+    """Five panels one above the other, by name; what was stopped is left out.   Errors are linear within 1 mm and logarithmic beyond."""
     made = {}
     for number, title in TITLES.items():
         runs: list[SimulatedMove] = [r for r in study.runs if r.figure == number and not r.stopped]

@@ -30,13 +30,7 @@ Lines = Sequence[tuple[str, str, object, ComplexArray]]
 
 
 def figures(study: Designs, caption: style.Caption) -> Mapping[str, Figure]:
-    """The figures by name.
-
-    Parameters
-    ----------
-    study : Designs
-    caption : style.Caption
-    """
+    """The figures by name."""
     plant = study.plants[0]
     made = {
         "designs_4_3_prefilters": _prefilters(plant, caption),
@@ -149,10 +143,7 @@ def _loops(
 def _step_response(loop: ComplexArray, omega_rad_s: Array, t_s: Array) -> Array:
     """Step of the closed loop L/(1 + L):  (2/π) ∫ Re T(jω) sin(ωt)/ω dω,  for a stable loop; (len(t),).
 
-    Parameters
-    ----------
-    omega_rad_s : ndarray
-        Evenly spaced from half a step on, so that the midpoint rule needs no value at 0.
+    Frequencies are evenly spaced from half a step on, so that the midpoint rule needs no value at 0.
     """
     real = (loop / (1.0 + loop)).real / omega_rad_s
     spacing = omega_rad_s[1] - omega_rad_s[0]

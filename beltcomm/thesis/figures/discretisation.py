@@ -20,13 +20,7 @@ DASHED = (0, (4, 2))
 
 
 def figures(study: Discretisation, caption: style.Caption) -> Mapping[str, Figure]:
-    """The figures by name.
-
-    Parameters
-    ----------
-    study : Discretisation
-    caption : style.Caption
-    """
+    """The figures by name."""
     return {"discretisation_parts": _parts(study, caption), "discretisation_velocity_loop": _loop(study, caption)}
 
 

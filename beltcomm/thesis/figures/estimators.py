@@ -19,13 +19,7 @@ HIGH_PASS, EVENTS, GATE, COMBINED = style.HELD_OUT, style.RESIDUAL, style.SEVERE
 
 
 def figures(study: EstimatorStudy, caption: style.Caption) -> Mapping[str, Figure]:
-    """All figures of the topic by file name.
-
-    Parameters
-    ----------
-    study : EstimatorStudy
-    caption : style.Caption
-    """
+    """All figures of the topic by file name."""
     with style.styled():
         return {
             "figure_6_1_high_pass": _high_pass(study, caption),

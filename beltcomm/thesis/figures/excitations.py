@@ -16,18 +16,7 @@ COLOURS = {"prbs": MEASURED, "gprbs": MODEL, "chirp": HELD_OUT, "multisine": SEV
 
 
 def figures(study: ExcitationStudy, caption: Caption) -> Mapping[str, Figure]:
-    """One figure per axis: torque spectra in third octaves, deviations of the estimates.
-
-    Parameters
-    ----------
-    study : ExcitationStudy
-    caption : Caption
-
-    Returns
-    -------
-    mapping of str to Figure
-        By the name of the file.
-    """
+    """One figure per axis, by name: torque spectra in third octaves, deviations of the estimates."""
     made = {}
     for plant in dict.fromkeys(row.plant for row in study.rows):
         with styled():

@@ -14,18 +14,7 @@ COLOURS = (MODEL, RESIDUAL, MEASURED, FAINT, HELD_OUT, SEVERE)
 
 
 def figures(study: FrictionComparison, caption: Caption) -> Mapping[str, Figure]:
-    """All points of all orders, the fitted laws as lines; below, what the law leaves.
-
-    Parameters
-    ----------
-    study : FrictionComparison
-    caption : Caption
-
-    Returns
-    -------
-    mapping of str to Figure
-        By the name of the file.
-    """
+    """All points of all orders, the fitted laws as lines; below, what the law leaves.  By name."""
     with styled():
         shown = figure("Friction in six orders (figure 3.10)", 5.6, caption)
         top, below = shown.subplots(2, 1, sharex=True, height_ratios=(3, 2))

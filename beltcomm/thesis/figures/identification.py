@@ -22,18 +22,7 @@ SHOWN = {
 
 
 def figures(study: IdentificationStudy, caption: Caption) -> Mapping[str, Figure]:
-    """Magnitudes with the true one and the controller, their errors below; scatter over averaged periods.
-
-    Parameters
-    ----------
-    study : IdentificationStudy
-    caption : Caption
-
-    Returns
-    -------
-    mapping of str to Figure
-        By the name of the file.
-    """
+    """Magnitudes with the true one and the controller, their errors below; scatter over averaged periods.  By name."""
     with styled():
         ways = figure("Open loop, direct, indirect, speed setpoint: the same axis (figure 3.6)", 6.0, caption)
         top, below = ways.subplots(2, 1, sharex=True, height_ratios=(3, 2))

@@ -15,18 +15,7 @@ COLOURS = (MEASURED, MODEL, RESIDUAL, SEVERE, HELD_OUT)
 
 
 def figures(study: ModelStudy, caption: Caption) -> Mapping[str, Figure]:
-    """One figure each.
-
-    Parameters
-    ----------
-    study : ModelStudy
-    caption : Caption
-
-    Returns
-    -------
-    mapping of str to Figure
-        By the name of the file.
-    """
+    """The figures by name."""
     with styled():
         springs = figure("Belt springs over the travel (figure 2.4)", 3.2, caption)
         axes = springs.subplots()
