@@ -299,7 +299,7 @@ def diagnose(
         steps.append(Stage(current, tuple(taken.candidates), name, removed, kept, (*on_body.new, *beside)))
         current = kept
         # What was missing had told the path.
-        if (len(steps) == 1 and data.path.rivals or steps[-1].before.ratio > ROUGH) and not needs_observer(current.model):
+        if ((len(steps) == 1 and data.path.rivals) or steps[-1].before.ratio > ROUGH) and not needs_observer(current.model):
             data, current = likeliest_path(*refine_path(data, current))
             steps[-1] = replace(steps[-1], after=current)
         if current.objective < QUIET * current.problem.samples:
