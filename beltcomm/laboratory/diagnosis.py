@@ -16,13 +16,11 @@ from beltcomm.fit.base import (
     ROUGH,
     fit_base,
     in_groups_of,
-    likeliest_path,
     refit_with_rebuilt_motion,
     with_noise_that_is_left,
 )
 from beltcomm.fit.estimate import Fitted, escape_local_minimum, fit
 from beltcomm.fit.least_squares import least_plain_error
-from beltcomm.fit.path_fit.values import refine_path
 from beltcomm.fit.records import PUBLISHED_SUBSTEPS, Data, prepare
 from beltcomm.fit.residual.observer import needs_observer
 from beltcomm.fit.start.model import data_sheet
@@ -42,6 +40,7 @@ from beltcomm.laboratory.compare import GIVEN_UP, QUIET, STRUCTURED_BESIDE, comp
 from beltcomm.laboratory.coupled_bodies import COUPLING, coupling_candidate, coupling_instead, refit_from_several_stiffnesses
 from beltcomm.laboratory.gaps import converged_gap, gap_from_start, gap_with_delay, is_replaceable_gap
 from beltcomm.laboratory.law_shape import assign_body, fit_law_shapes
+from beltcomm.laboratory.path_again import path_again
 from beltcomm.laboratory.samples import structure
 from beltcomm.laboratory.score import FAR_OFF, Scorer, ground_of
 from beltcomm.laboratory.selection import (
@@ -300,8 +299,9 @@ def diagnose(
         current = kept
         # What was missing had told the path.
         if ((len(steps) == 1 and data.path.rivals) or steps[-1].before.ratio > ROUGH) and not needs_observer(current.model):
-            data, current = likeliest_path(*refine_path(data, current))
-            steps[-1] = replace(steps[-1], after=current)
+            data, current, gone = path_again(data, current, base.model, name)
+            removed += gone
+            steps[-1] = replace(steps[-1], after=current, removed=removed)
         if current.objective < QUIET * current.problem.samples:
             data, current = with_noise_that_is_left(data, current)
             quieter = True

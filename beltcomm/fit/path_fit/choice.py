@@ -67,8 +67,8 @@ NEARLY_NEW = 0.9
 ILLEGIBLE = 10.0
 #: Step of ln(time constant) for the curvature of O.
 APART = 0.03
-#: Samples that must count, and values that they must make, for a path to be told.
-FEWEST, FEWEST_VALUES = 200, 60
+#: Samples that must count for a path to be told.
+FEWEST = 200
 #: Share of the values by the plain path that must count by another one.
 LEAST_LEFT = 0.5
 #: Share of what lies above the noise that a split other than the faithful one must explain.
@@ -155,8 +155,6 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
     if not any(path.reading.faithful for path in ways):
         ways.append(faithful)
     trials = _possible(_fit_ways(data, lively, start, [*ways, *instantaneous_paths()]), sample_s)
-    if math.isinf(_level(trials[0][1])):  # hardly a sample counts by any
-        return PathChoice(faithful, chain)
     by = partial(_fit_by, data, lively)
     if trials[0][1].ratio > FAR_OFF and rubs_instead(by, start, trials[0][1], [path for path, _ in trials]):
         return replace(_best(trials, chain), between=RUBS)
@@ -295,8 +293,8 @@ def _by_path(data: Data, recordings: Sequence[Recording], model: Model, path: To
 
 def _level(fitted: Fitted, first: Fitted | None = None) -> float:
     """O per sample; inf where nothing counts, or much less than by another path: by a wrong one the motor may rest nearly all the time."""
-    fewest, values = LEAST_LEFT * _counting(first) if first is not None else FEWEST, fitted.problem.samples
-    return fitted.objective / values if _counting(fitted) > fewest and values >= FEWEST_VALUES else math.inf
+    fewest = LEAST_LEFT * _counting(first) if first is not None else FEWEST
+    return fitted.objective / fitted.problem.samples if _counting(fitted) > fewest and fitted.problem.samples else math.inf
 
 
 def _counting(fitted: Fitted) -> int:
