@@ -90,6 +90,8 @@ class AxisSummary:
         Stretch of the belt to the negative and to the positive side up to which the base model explains the records, 0 when not known.
     toothed : bool
         A belt moves the load, or nobody says what does.
+    rough_m : tuple of float
+        Places of the load around which the base model leaves far more than elsewhere, the worst first.
     """
 
     inertia: float
@@ -115,6 +117,7 @@ class AxisSummary:
     step_rad: float = 0.0
     explained_m: tuple[float, float] = (0.0, 0.0)
     toothed: bool = True
+    rough_m: tuple[float, ...] = ()
 
     def may_have(self, effect: Effect) -> bool:
         """True if such a machine can have an effect: what is a belt's is not looked for on another axis.

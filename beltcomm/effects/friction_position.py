@@ -6,8 +6,8 @@ import math
 
 from beltcomm.effects._effect import AxisSummary, Effect, Parameter, Trial
 
-#: m: distance of the places tried, and the width.
-_SPACING_M, _WIDTHS_M = 0.04, (0.045,)
+#: m: distance of the places tried, and the width; widths at a place where the base leaves most.
+_SPACING_M, _WIDTHS_M, _NARROW_M = 0.04, (0.045,), (0.008, 0.02)
 
 
 def _level(speed: float, position: float, t: float, amount: float, place: float, width: float, flatness: float) -> float:
@@ -26,16 +26,14 @@ def _slope(speed: float, position: float, t: float, amount: float, place: float,
 
 
 def _trials(ground: AxisSummary) -> list[Trial]:
-    """A tight spot at every 4 cm of the way covered; a motor alone has no way."""
+    """A tight spot at every 4 cm of the way covered, and a narrow one where most is left; a motor alone has no way."""
     if not ground.belt and ground.side != "load":
         return []
     count = max(2, math.ceil((ground.high_m - ground.low_m) / _SPACING_M) + 1)
     step = (ground.high_m - ground.low_m) / (count - 1)
-    return [
-        Trial({"amount": 0.4 * ground.coulomb, "place": ground.low_m + i * step, "width": width}, signed=True)
-        for width in _WIDTHS_M
-        for i in range(count)
-    ]
+    spots = [(ground.low_m + i * step, width) for width in _WIDTHS_M for i in range(count)]
+    spots += [(place, width) for width in _NARROW_M for place in ground.rough_m]
+    return [Trial({"amount": 0.4 * ground.coulomb, "place": place, "width": width}, signed=True) for place, width in spots]
 
 
 MOTOR = Effect(

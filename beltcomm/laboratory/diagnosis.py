@@ -13,15 +13,14 @@ from beltcomm.effects import EFFECTS, effect_named
 from beltcomm.fit.base import (
     FIRST_ITERATIONS,
     NEXT_ITERATIONS,
+    ROUGH,
     fit_base,
     in_groups_of,
-    likeliest_path,
     refit_with_rebuilt_motion,
     with_noise_that_is_left,
 )
 from beltcomm.fit.estimate import Fitted, escape_local_minimum, fit
 from beltcomm.fit.least_squares import least_plain_error
-from beltcomm.fit.path_fit.values import refine_path
 from beltcomm.fit.records import PUBLISHED_SUBSTEPS, Data, prepare
 from beltcomm.fit.residual.observer import needs_observer
 from beltcomm.fit.start.model import data_sheet
@@ -41,6 +40,7 @@ from beltcomm.laboratory.compare import GIVEN_UP, QUIET, STRUCTURED_BESIDE, comp
 from beltcomm.laboratory.coupled_bodies import COUPLING, coupling_candidate, coupling_instead, refit_from_several_stiffnesses
 from beltcomm.laboratory.gaps import converged_gap, gap_from_start, gap_with_delay, is_replaceable_gap
 from beltcomm.laboratory.law_shape import assign_body, fit_law_shapes
+from beltcomm.laboratory.path_again import path_again
 from beltcomm.laboratory.samples import structure
 from beltcomm.laboratory.score import FAR_OFF, Scorer, ground_of
 from beltcomm.laboratory.selection import (
@@ -64,6 +64,8 @@ Verdict = Literal["nothing missing", "explained", "partly explained", "none of t
 SETTLED_ITERATIONS = 4
 #: O per sample from which on, beside added effects, it is asked what the base may have swallowed: laws may be others than the machine's.
 BESIDE_ADDED = 1.08
+#: Deviations by which the mean square of a few values is above 1 by chance.
+BY_CHANCE = 2.0
 #: Share of what lies above the noise that must not be left for a verdict that something was explained.
 MOSTLY_LEFT = 0.9
 #: Factor from which on the error as a whole has grown by an effect; less is the noise, which is calibrated anew.
@@ -295,9 +297,11 @@ def diagnose(
         beside = (taken.best.beside,) if taken.best.beside in kept.model.effects else ()
         steps.append(Stage(current, tuple(taken.candidates), name, removed, kept, (*on_body.new, *beside)))
         current = kept
-        if len(steps) == 1 and data.path.rivals and not needs_observer(current.model):  # what was missing had told the path
-            data, current = likeliest_path(*refine_path(data, current))
-            steps[-1] = replace(steps[-1], after=current)
+        # What was missing had told the path.
+        if ((len(steps) == 1 and data.path.rivals) or steps[-1].before.ratio > ROUGH) and not needs_observer(current.model):
+            data, current, gone = path_again(data, current, base.model, name)
+            removed += gone
+            steps[-1] = replace(steps[-1], after=current, removed=removed)
         if current.objective < QUIET * current.problem.samples:
             data, current = with_noise_that_is_left(data, current)
             quieter = True
@@ -525,7 +529,7 @@ def _verdict_of(base: Fitted, steps: Sequence[Stage], twins: tuple[str, ...], le
     if added <= undetermined:
         return "cannot tell"
     if (
-        level >= MISSING
+        level >= max(MISSING, 1.0 + BY_CHANCE * math.sqrt(2.0 / after.problem.samples))
         or max(after.ratio, after.held_out_ratio or 0.0) >= GIVEN_UP
         or left >= STRUCTURED_BESIDE
         or parameters_at_bounds(after.model, base.model)

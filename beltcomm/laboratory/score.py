@@ -151,6 +151,8 @@ BATCH, LOOKED_AT = 10, 3
 ROUGH_SUBSTEPS = 2
 #: O per sample from which on an observer is made anew for an effect in one of these slots.
 FAR_OFF, BELT_SLOTS = 1.3, ("element", "body", "belt_law")
+#: m, values, cells, at most, and factor over the median: cells of the way of which some are told as rough.
+ROUGH_CELL_M, ROUGH_VISITS, ROUGH_CELLS, MOST_ROUGH, ROUGH_BY = 0.01, 6, 10, 2, 6.0
 
 
 @dataclass(frozen=True)
@@ -478,4 +480,22 @@ def ground_of(fitted: Fitted, pieces: Sequence[Segment], axis: Axis) -> AxisSumm
         explained_m=explained_elongation(fitted),
         counts=float(axis.get("motor.encoder_counts_per_rev") or 0),
         step_rad=pieces[0].step_rad,
+        rough_m=_rough_places(fitted),
     )
+
+
+def _rough_places(fitted: Fitted) -> tuple[float, ...]:
+    """Places of the load, m, around which a model leaves far more than at most places it has been to, the worst first."""
+    problem, ratio = fitted.problem, fitted.model["transmission.ratio"]
+    if not problem.samples:
+        return ()
+    places = np.concatenate([ratio * piece.motion.theta[:: piece.motion.substeps][piece.value_samples] for piece in problem.pieces])
+    cell = np.floor((places - places.min()) / ROUGH_CELL_M).astype(np.intp)
+    visits = np.bincount(cell)
+    known = np.flatnonzero(visits >= ROUGH_VISITS)
+    if len(known) < ROUGH_CELLS:
+        return ()
+    square = np.bincount(cell, fitted.residual**2)[known] / visits[known]
+    worst = np.argsort(square)[::-1][:MOST_ROUGH]
+    rough = [k for k in worst if square[k] > ROUGH_BY * max(1.0, float(np.median(square)))]
+    return tuple(float(places.min() + (known[k] + 0.5) * ROUGH_CELL_M) for k in rough)

@@ -24,6 +24,8 @@ MEDIAN_DEVIATION = 0.6745
 ROUNDING = 1e-5
 #: Deviations of a step from the median one that are no jitter.
 SPREADS = 6.0
+#: Share of a torque, and its median deviations from the setpoint, by which more than it was surely asked for.
+BEYOND, SURELY = 0.02, 3.0
 #: A torque with no more levels than this is a switched signal (a noise-free PRBS), which rests at its ends by intent.
 SWITCHED_LEVELS = 8
 
@@ -145,10 +147,11 @@ def clipped_share(torque: Array, setpoint: Array | None, amplitude: float | None
     levels = np.unique(torque)
     if setpoint is not None:
         asked = np.minimum.reduce([np.roll(np.abs(setpoint), lag) for lag in range(3)])  # the torque follows 1 to 2 samples late
-        beyond = float(np.mean(at_end & (asked > 1.02 * np.abs(torque))))
+        noise = _noise(torque, setpoint)
+        beyond = float(np.mean(at_end & (asked - np.abs(torque) > np.maximum(BEYOND * np.abs(torque), SURELY * noise))))
         # a setpoint that was cut off with it: noise that is everywhere but at the ends
-        noise, step = _noise(torque, setpoint), float(np.min(np.diff(levels))) if len(levels) > 1 else math.inf
-        silent = len(levels) > SWITCHED_LEVELS and noise > 3.0 * step and not _by_chance(at_end, noise / step)
+        step = float(np.min(np.diff(levels))) if len(levels) > 1 else math.inf
+        silent = len(levels) > SWITCHED_LEVELS and noise > SURELY * step and not _by_chance(at_end, noise / step)
         return max(beyond, float(np.mean(at_end)) if silent else 0.0)
     if len(levels) <= SWITCHED_LEVELS:
         short = amplitude is not None and np.abs(torque).max() < 0.9 * amplitude

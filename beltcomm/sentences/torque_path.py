@@ -19,6 +19,8 @@ from beltcomm.recording import Recording
 _NUMBERS = {1: "one sample", 2: "two samples", 3: "three samples"}
 #: Rivals of a path that are named.
 MOST_RIVALS = 2
+#: Share of a number below which its interval says nothing to a reader.
+FINEST = 1e-4
 #: A share of a filter of samples from which on nothing is left of it after a sample.
 _AT_ONCE = 1.0 - 1e-9
 
@@ -77,11 +79,9 @@ def path_lines(path: TorquePath | None, sample_s: float) -> list[str]:
     said = _words_of(path, sample_s)
     lines = [said] if said else []
     if path.rivals:
-        every = dict.fromkeys(_words_of(rival, sample_s) or "a plain delay" for rival in path.rivals)
-        others = " or ".join(list(every)[:MOST_RIVALS])
-        lines.append(
-            f"the records do not tell whether {said or 'it is a plain delay'} or {others}; one excited louder, at a higher frequency, would"
-        )
+        every = dict.fromkeys(words for rival in path.rivals if (words := _words_of(rival, sample_s)) != said)
+        if others := " or ".join([words or "a plain delay" for words in every][:MOST_RIVALS]):
+            lines.append(f"just as likely by these records: {others}; one excited louder, at a higher frequency, would tell")
     return lines
 
 
@@ -147,11 +147,13 @@ def _drive_words(drive: DriveLaw, sample_s: float) -> list[str]:
             said.append(
                 f"the current loop has {_number(lag.values[0], _interval(lag, 0))} Hz, damping {_number(lag.values[1], _interval(lag, 1))}"
             )
-        elif lag.kind == "first order":
-            said.append(f"the current loop takes {_time(lag, sample_s)}")
         elif lag.kind == "slew rate":
             said.append(f"the drive changes the torque by at most {_number(lag.values[0], _interval(lag, 0))} N m/s")
-        elif lag.values[0] < _AT_ONCE:
+        elif _may_be_none(lag):
+            continue
+        elif lag.kind == "first order":
+            said.append(f"the current loop takes {_time(lag, sample_s)}")
+        else:
             said.append(f"the drive filters the torque setpoint with {_time(lag, sample_s)}")
     return said
 
@@ -164,9 +166,15 @@ def _reading_words(reading: ReadingLaw, sample_s: float) -> list[str]:
     for lag in reading.lags:
         if lag.kind == "second order":
             said.append(f"the torque reading is filtered at {_number(lag.values[0], _interval(lag, 0))} Hz")
-        elif lag.kind == "first order" or lag.values[0] < _AT_ONCE:
+        elif not _may_be_none(lag):
             said.append(f"the torque reading lags {_time(lag, sample_s)}")
     return said
+
+
+def _may_be_none(lag: Lag) -> bool:
+    """Whether within its interval a filter of first order, or of samples, lets everything through at once."""
+    value, interval = lag.values[0], _interval(lag, 0)
+    return value <= interval if lag.kind == "first order" else value + interval >= _AT_ONCE
 
 
 def _time(lag: Lag, sample_s: float) -> str:
@@ -183,8 +191,8 @@ def _interval(lag: Lag, place: int) -> float:
 
 
 def _number(value: float, interval: float) -> str:
-    """Value with its interval, rounded to the interval's first digit; to three digits where it is not known."""
+    """Value with its interval, rounded to the interval's first digit; to three digits where it is not known, to four where it is less."""
     if not 0.0 < interval < math.inf:
         return f"{value:.3g}"
     digits = max(0, -math.floor(math.log10(interval)))
-    return f"{value:.{digits}f} ± {interval:.{digits}f}"
+    return f"{value:.4g}" if interval < FINEST * abs(value) else f"{value:.{digits}f} ± {interval:.{digits}f}"

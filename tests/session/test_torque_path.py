@@ -88,7 +88,27 @@ def test_rivals_are_named_both() -> None:
     path = TorquePath(DriveLaw(1.0, (Lag("first order", (2e-4,)),)), rivals=(LATE,))
     first, second = path_lines(path, PERIOD_S)
     assert first == "the current loop takes 0.2 ms"
-    assert "the current loop takes 0.2 ms or the torque reading is one sample late" in second
+    assert second.startswith("just as likely by these records: the torque reading is one sample late; ")
+
+
+def test_a_rival_that_reads_the_same_is_not_told() -> None:
+    path = TorquePath(DriveLaw(1.0, (Lag("first order", (2e-4,)),)))
+    assert path_lines(replace(path, rivals=(path,)), PERIOD_S) == ["the current loop takes 0.2 ms"]
+
+
+@pytest.mark.parametrize(
+    ("lag", "said"),
+    [
+        (Lag("first order", (3e-4,), (4e-4,)), ""),
+        (Lag("first order", (3e-4,), (2e-4,)), "the torque reading lags 0.3 ± 0.2 ms"),
+        (Lag("sampled", (0.9976,), (0.01,)), ""),
+        (Lag("sampled", (0.8,), (0.01,)), "the torque reading lags 0.62 ± 0.02 ms"),
+        (Lag("second order", (1144.757641, 0.7), (2e-6, 0.1)), "the torque reading is filtered at 1145 Hz"),
+    ],
+)
+def test_a_filter_that_may_not_be_there_is_not_told(lag: Lag, said: str) -> None:
+    """Nor more digits of one than a reader takes in."""
+    assert path_lines(TorquePath(DriveLaw(1.0), ReadingLaw(0.0, (lag,))), PERIOD_S) == ([said] if said else [])
 
 
 def test_a_path_is_the_same_from_its_file(tmp_path: Path) -> None:

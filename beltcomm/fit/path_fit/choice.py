@@ -19,6 +19,7 @@ from scipy.optimize import minimize_scalar
 from beltcomm.arrays import Array
 from beltcomm.fit.estimate import Fitted, fit, fit_of, problem_of
 from beltcomm.fit.noise.level import is_held, repeats_itself
+from beltcomm.fit.path_fit.late_motion import RUBS, effect_between, rubs_instead
 from beltcomm.fit.path_fit.trial_paths import (
     LATE_SHARES,
     LOOP_SHARES,
@@ -42,11 +43,6 @@ from beltcomm.recording import Recording
 
 #: Times its lower bound up to which an inertia is nothing.
 NOTHING = 10.0
-#: Effects between the torque that is read and the motion, each with one time, and what is tried beside them by the chosen path: a lag of
-#: the reading is no reason for another one, which has such lags of its own.
-BETWEEN, BESIDE = ("dead_time", "current_lag"), ("measurement_lag",)
-#: Share of what lies above the noise that such an effect may leave, and how much of it per sample.
-MAY_LEAVE, MOST_LEFT = 0.3, 0.5
 #: Error over the noise up to which a faithful reading is not doubted.
 GOOD = 1.05
 #: Error over the noise from which on a filter is looked for that the noise of the reading hides.
@@ -57,6 +53,8 @@ FAR_OFF = 2.0
 BOUNDED, HARDLY = 2.6, 0.01
 #: s of records that the splits are held against, and iterations of each fit.
 ENOUGH_S, ITERATIONS = 8.0, 15
+#: Share of a record's samples that must count for it to be one of these.
+LEAST_COUNTING = 0.02
 #: O per sample above the best that no values of a path make good.
 BEHIND = 0.2
 #: Kinds of split, the best by values of the reading alone, whose values the motion is asked for before one is taken.
@@ -92,7 +90,8 @@ class PathChoice:
     rivals : tuple of tuple[TorquePath, float]
         The others, with -2 ln L above that of the one taken.
     between : str
-        Effect between reading and motion, with which another path is likelier than this one without; empty for none.
+        Effect with which the path is to be told: one between reading and motion, with which another path is likelier than this one without,
+        or friction at the carriage; empty for none.
     """
 
     path: TorquePath
@@ -149,13 +148,16 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
         return _by_motion(data, fitted.model, to_fit, chain) if data.path.commanded else _undone(data, start, to_fit)
     if (fitted.ratio <= GOOD and not shaped) or _illegible(data, start):
         return PathChoice(faithful, chain)
-    lively = _liveliest(to_fit)
+    lively = _liveliest(data, to_fit)
     other = next((rival for rival in sorted(chain.rivals, key=lambda rival: rival.cost) if rival.at_end != chain.at_end), None)
     sample_s = lively[0].sample_period_s
     ways = ways_of([(one.law, one.at_end) for one in (chain, other) if one is not None], sample_s)
     if not any(path.reading.faithful for path in ways):
         ways.append(faithful)
     trials = _possible(_fit_ways(data, lively, start, [*ways, *instantaneous_paths()]), sample_s)
+    by = partial(_fit_by, data, lively)
+    if trials[0][1].ratio > FAR_OFF and rubs_instead(by, start, trials[0][1], [path for path, _ in trials]):
+        return replace(_best(trials, chain), between=RUBS)
     trials, hidden = _refine_kinds(data, lively, trials), list[TorquePath]()
     if trials[0][1].ratio > HIDDEN:
         hidden = ways_of([(one.law, one.at_end) for one in hidden_chains(to_fit, chain)], sample_s, beside=ways)
@@ -168,37 +170,7 @@ def choose_path(data: Data, fitted: Fitted, start: Model, chain: ReadingFit | No
         return choice
     others = [path for path in ways if path != choice.path]
     clear = clear_gain(choice.fitted.problem.samples)
-    return replace(choice, between=_effect_between(partial(_fit_by, data, lively), start, choice.path, choice.fitted, others, clear))
-
-
-def _effect_between(
-    fit_by: Callable[[Model, TorquePath], Fitted],
-    start: Model,
-    chosen: TorquePath,
-    fitted: Fitted,
-    others: Sequence[TorquePath],
-    clear: float,
-) -> str:
-    """Name of the effect between reading and motion with which another path explains the records better than the chosen one.
-
-    Where a filter of the setpoint stands before the torque, and a dead time behind it, the motion comes as late as by a slower filter: a
-    path chosen without that effect takes a part of it over, and what is left of it looks like another effect.
-
-    ``chosen`` and ``fitted`` are by a model without one, the ``others`` divide the same chain; a fall of -2 ln L by ``clear`` makes one
-    more than as likely.  Empty where the start model has such an effect, none explains enough, or the chosen path is as likely.
-    """
-    if any(name in start.effects for name in (*BETWEEN, *BESIDE)):
-        return ""
-    samples = max(fitted.problem.samples, 1)
-
-    def tried(path: TorquePath, names: Sequence[str] = BETWEEN) -> list[tuple[float, str]]:
-        found = [(fit_by(start.with_effect(name), path), name) for name in names]
-        return [(f.objective / f.problem.samples if 2 * f.problem.samples > samples else math.inf, name) for f, name in found]
-
-    own, _ = min(tried(chosen, (*BETWEEN, *BESIDE)))
-    least, best = min((one for path in others for one in tried(path)), default=(math.inf, ""))
-    explains = least - 1.0 < min(MAY_LEAVE * (fitted.objective / samples - 1.0), MOST_LEFT)
-    return best if explains and samples * (own - least) > clear else ""
+    return replace(choice, between=effect_between(by, start, choice.path, choice.fitted, others, clear))
 
 
 def _refine(data: Data, recordings: Sequence[Recording], path: TorquePath, fitted: Fitted) -> tuple[TorquePath, Fitted]:
@@ -254,15 +226,24 @@ def _values(law: DriveLaw) -> int:
     return sum(len(lag.values) for lag in law.lags) + (abs(law.delay - round(law.delay)) > WHOLE)
 
 
-def _liveliest(recordings: Sequence[Recording]) -> list[Recording]:
-    """Records whose torque changes most, :data:`ENOUGH_S` of them."""
+def _liveliest(data: Data, recordings: Sequence[Recording]) -> list[Recording]:
+    """Records whose torque changes most, :data:`ENOUGH_S` of them; not those of which hardly a sample counts.
+
+    A controller behind a coarse encoder shakes the torque of the slowest stroke most, and the motor rests between the counts.
+    """
     order = sorted(recordings, key=lambda r: -float(np.mean(np.diff(r.torque) ** 2)) / r.sample_period_s)
+    counting = [r for r in order if _counting_share(data, r) >= LEAST_COUNTING]
     chosen, seconds = list[Recording](), 0.0
-    for recording in order:
+    for recording in counting or order:
         if seconds < ENOUGH_S:
             chosen.append(recording)
             seconds += float(recording.t_s[-1] - recording.t_s[0])
     return chosen
+
+
+def _counting_share(data: Data, recording: Recording) -> float:
+    """Share of a record's samples of which the values of a fit are made."""
+    return sum(piece.group * len(piece.value_samples) for piece in data.fitted if piece.record == recording.name) / len(recording.t_s)
 
 
 def _fit_by(
@@ -390,7 +371,7 @@ def _best_time_constant(
 
 def _undone(data: Data, start: Model, to_fit: Sequence[Recording]) -> PathChoice:
     """Without setpoint: what the motion asks for of a drive and a reading that are not ideal, one thing after the other."""
-    lively = _liveliest(to_fit)
+    lively = _liveliest(data, to_fit)
     families = families_without_setpoint(lively[0].sample_period_s)
     path = TorquePath(without_setpoint=True)
     choice = PathChoice(path, None, _fit_by(data, lively, start, path))
@@ -434,7 +415,7 @@ def _motion_asks_for_path(data: Data, fitted: Fitted) -> bool:
 
 def _by_motion(data: Data, start: Model, to_fit: Sequence[Recording], chain: ReadingFit | None) -> PathChoice:
     """The reading is the command: what lies between it and the torque is told by the motion alone."""
-    lively, law = _liveliest(to_fit), DriveLaw(0.0) if chain is None else chain.law
+    lively, law = _liveliest(data, to_fit), DriveLaw(0.0) if chain is None else chain.law
     plain, sample_s = TorquePath(law, commanded=True, without_setpoint=chain is None), lively[0].sample_period_s
 
     def behind(time_s: float, half_s: float) -> TorquePath:
