@@ -83,8 +83,7 @@ def first_loop_over_intervals(
     if not (why := short(result)):
         return result
     with suppress(Infeasible):
-        ends = [plant for end in _interval_ends(model) for plant in first_loop_plants(end.model, *seen)]
-        gentler = first_loop(model, structure, *seen, ends)
+        gentler = first_loop(model, structure, *seen, plants_at_ends(model, lambda at_end: first_loop_plants(at_end, *seen)))
         if not short(gentler):
             return gentler
     raise Refused(f"{why}. {KEPT}")
@@ -112,6 +111,19 @@ def final_plants(
         return plants_with_damping(model, positions_m, masses, dead_time_s, apparent_damping_nm_s_rad)
 
     return plants
+
+
+def plants_at_ends(model: Model, plants: Callable[[Model], Sequence[DesignPlant]]) -> list[DesignPlant]:
+    """Plants of a model at both ends of the 95 % intervals of its inertias and springs.
+
+    Parameters
+    ----------
+    model : Model
+        With intervals.
+    plants : callable
+        Of a model, to its plants.
+    """
+    return [plant for end in _interval_ends(model) for plant in plants(end.model)]
 
 
 def over_intervals(
