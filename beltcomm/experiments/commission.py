@@ -52,7 +52,7 @@ from beltcomm.rundata.delays import assume_delay, delay, measure_delay_and_dampi
 from beltcomm.rundata.findings import Apply as Apply
 from beltcomm.rundata.findings import Findings as Findings
 from beltcomm.rundata.findings import Settings as Settings
-from beltcomm.rundata.interval_margins import KEPT, final_plants, first_loop_over_intervals, over_intervals, plants_at_ends
+from beltcomm.rundata.interval_margins import KEPT, final_plants, first_loop_over_intervals, over_intervals, plants_that_lack
 from beltcomm.rundata.proof import SURE_MARGIN_DEG, move_name, proof, thin_margins
 from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.record_schedule import TITLES as TITLES
@@ -403,7 +403,7 @@ def design_for(
     usual, plants = designed(), final_plants(axis.travel.ends_m, settings.payloads_kg, delay(findings), apparent)
     if over_intervals("the design", usual[0], model, plants, folder):
         with suppress(Infeasible):
-            gentler = designed(plants_at_ends(model, plants))
+            gentler = designed(plants_that_lack(usual[0], model, plants))
             if not over_intervals("the design", gentler[0], model, plants, folder):
                 words = "the usual gains do not hold over what is known of this axis: these hold there, too, and are gentler"
                 return replace(gentler[0], remarks=(words, *gentler[0].remarks)), gentler[1]
