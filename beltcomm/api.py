@@ -340,7 +340,7 @@ def design(
     analyse.require_offered(basis.structure, options.prefilter, options.feedforward)
     settings = replace(settings_of(options), specification=specification)
     found = basis.findings
-    found.design, found.cascade = sequence.design_for(basis.folder.axis, basis.model, basis.structure, found, settings)
+    found.design, found.cascade = sequence.design_for(basis.folder.axis, basis.model, basis.structure, found, settings, basis.folder)
     compensating = basis.structure.torque_feedforward and settings.feedforward == "nonlinear"
     along = compensated_effects(basis.model) if compensating else ()
     return delivered(basis, along, options.payload_kg, seed=options.seed or 0, pictures=pictures, command=command)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 
@@ -15,6 +16,8 @@ import numpy as np
 from beltcomm.axis import Axis
 from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.cascade import DesignResult
+from beltcomm.design.design_plant import DesignPlant
+from beltcomm.design.specification import Infeasible
 from beltcomm.errors import DamagedRecord, DataError, NoMotion, Refused, SafetyStop
 from beltcomm.experiments import (
     execute_step,
@@ -49,8 +52,9 @@ from beltcomm.rundata.delays import assume_delay, delay, measure_delay_and_dampi
 from beltcomm.rundata.findings import Apply as Apply
 from beltcomm.rundata.findings import Findings as Findings
 from beltcomm.rundata.findings import Settings as Settings
-from beltcomm.rundata.interval_margins import KEPT, final_plants, first_loop_over_intervals, over_intervals
+from beltcomm.rundata.interval_margins import KEPT, final_plants, first_loop_over_intervals, over_intervals, plants_that_lack
 from beltcomm.rundata.proof import SURE_MARGIN_DEG, move_name, proof, thin_margins
+from beltcomm.runfolder import RunFolder
 from beltcomm.schedule.record_schedule import TITLES as TITLES
 from beltcomm.schedule.steps import SHORT_S
 from beltcomm.sending import Sending
@@ -348,7 +352,7 @@ def _fit_and_design(machine: Machine, findings: Findings, settings: Settings) ->
     else:
         machine.found("friction", f"{three_digits(total_friction(model) / model['transmission.ratio'])} N")  # as the verdict has it
     findings.standstill = largest(recordings, findings.thesis, model, findings.friction)
-    designed, cascade = design_for(machine.axis, model, machine.drive.capabilities.structure, findings, settings)
+    designed, cascade = design_for(machine.axis, model, machine.drive.capabilities.structure, findings, settings, machine.folder)
 
     plants = final_plants(machine.axis.travel.ends_m, settings.payloads_kg, delay(findings), analyse.apparent_damping(findings.thesis))
     if short := over_intervals("the final design", designed, model, plants, machine.folder):
@@ -362,9 +366,11 @@ def _fit_and_design(machine: Machine, findings: Findings, settings: Settings) ->
 
 
 def design_for(
-    axis: Axis, model: Model, structure: CascadeStructure, findings: Findings, settings: Settings
+    axis: Axis, model: Model, structure: CascadeStructure, findings: Findings, settings: Settings, folder: RunFolder
 ) -> tuple[DesignResult, Cascade]:
     """The final design: both ends of the travel, the payload mounted now and the further ones stated.
+
+    Where it does not hold over what is known of the axis, a gentler one that does, designed for the ends of the intervals, too.
 
     Parameters
     ----------
@@ -374,24 +380,34 @@ def design_for(
         Of the loops in the drive.
     findings : Findings
     settings : Settings
+    folder : RunFolder
+        With what was measured of the drive's gains.
     """
     assume_delay(findings, structure)
-    return analyse.design(
-        model,
-        structure,
-        positions_m=axis.travel.ends_m,
-        masses_kg=_masses_kg(model, settings),
-        dead_time_s=delay(findings),
-        apparent_damping_nm_s_rad=analyse.apparent_damping(findings.thesis),
-        prefilter=settings.prefilter,
-        feedforward=settings.feedforward,
-        specification=settings.specification,
-    )
+    apparent = analyse.apparent_damping(findings.thesis)
 
+    def designed(besides: Sequence[DesignPlant] = ()) -> tuple[DesignResult, Cascade]:
+        return analyse.design(
+            model,
+            structure,
+            positions_m=axis.travel.ends_m,
+            masses_kg=[model["cart.mass"], *(model["cart.mass"] + extra for extra in settings.payloads_kg)],
+            dead_time_s=delay(findings),
+            apparent_damping_nm_s_rad=apparent,
+            prefilter=settings.prefilter,
+            feedforward=settings.feedforward,
+            specification=settings.specification,
+            besides=besides,
+        )
 
-def _masses_kg(model: Model, settings: Settings) -> list[float]:
-    """Carriage with the payload mounted now and with the further ones stated."""
-    return [model["cart.mass"], *(model["cart.mass"] + extra for extra in settings.payloads_kg)]
+    usual, plants = designed(), final_plants(axis.travel.ends_m, settings.payloads_kg, delay(findings), apparent)
+    if over_intervals("the design", usual[0], model, plants, folder):
+        with suppress(Infeasible):
+            gentler = designed(plants_that_lack(usual[0], model, plants))
+            if not over_intervals("the design", gentler[0], model, plants, folder):
+                words = "the usual gains do not hold over what is known of this axis: these hold there, too, and are gentler"
+                return replace(gentler[0], remarks=(words, *gentler[0].remarks)), gentler[1]
+    return usual
 
 
 def _known_model(findings: Findings) -> Model:

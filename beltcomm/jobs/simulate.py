@@ -41,7 +41,7 @@ def run_experiment(machine: Machine, model: Model, experiment: str) -> str:
         measure_friction(machine, model)
         return "sweep"
     structure = machine.drive.capabilities.structure
-    _, cascade = design_for(machine.axis, model, structure, findings, Settings())
+    _, cascade = design_for(machine.axis, model, structure, findings, Settings(), machine.folder)
     stops.count_on_loop(machine, [model], cascade, 0.0)
     standard = verification.slowed_move(machine, model, cascade, 0.0)
     path = standard.at(1.0, machine.drive.capabilities.sample_period_s)

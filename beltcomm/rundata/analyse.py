@@ -328,6 +328,7 @@ def design(
     prefilter: PrefilterKind | None = None,
     feedforward: FeedforwardKind = "nonlinear",
     specification: Specification | None = None,
+    besides: Sequence[DesignPlant] = (),
 ) -> tuple[DesignResult, Cascade]:
     """The proven cascade and, with the feedforward of the model as far as the drive has it, what goes into the drive.
 
@@ -349,6 +350,8 @@ def design(
         Kind that is asked for.
     specification : Specification or None
         Margins and targets; None for the usual ones.
+    besides : sequence of DesignPlant
+        For which it must hold, too; they are not among the plants of the result.
 
     Raises
     ------
@@ -361,13 +364,14 @@ def design(
         wanted = replace(wanted, prefilters=(prefilter,))
     plants = plants_with_damping(model, positions_m, masses_kg, dead_time_s, apparent_damping_nm_s_rad)
     try:
-        result = design_cascade(plants, structure, wanted)
+        result = design_cascade([*plants, *besides], structure, wanted)
     except Infeasible as refusal:
         nearest = refusal.nearest
         if specification is not None or nearest is None or nearest.phase_margin_deg < LEAST_PHASE_MARGIN_DEG:
             raise
-        result = design_cascade(plants, structure, nearest)
+        result = design_cascade([*plants, *besides], structure, nearest)
         result = replace(result, remarks=(f"the usual margins cannot be had: {refusal}", *result.remarks), relaxed=True)
+    result = replace(result, plants=result.plants[: len(plants)], margins=result.margins[: len(plants)])
     if _tells_no_damping(model):
         words = f"the fit tells no damping of the belt: a resonance damped by {100.0 * LEAST_RESONANCE_DAMPING:g} % is counted with"
         result = replace(result, remarks=(words, *result.remarks))

@@ -18,8 +18,8 @@ from beltcomm.control import Cascade, CascadeStructure
 from beltcomm.design.cascade import DesignResult
 from beltcomm.design.cautious import FRICTIONS, with_least_damping
 from beltcomm.design.design_plant import DesignPlant, with_friction_fractions
-from beltcomm.design.margins import WorstMargins, margins, worst_of
-from beltcomm.design.specification import Infeasible, Specification, relaxed_to
+from beltcomm.design.margins import margins, worst_of
+from beltcomm.design.specification import Infeasible, relaxed_to
 from beltcomm.errors import Refused
 from beltcomm.given import pasted
 from beltcomm.model import BELT_STIFFNESSES, Model
@@ -83,8 +83,8 @@ def first_loop_over_intervals(
     if not (why := short(result)):
         return result
     with suppress(Infeasible):
-        ends = [plant for end in _interval_ends(model) for plant in first_loop_plants(end.model, *seen)]
-        gentler = first_loop(model, structure, *seen, ends)
+        lacking = plants_that_lack(result, model, lambda at_end: first_loop_plants(at_end, *seen))
+        gentler = first_loop(model, structure, *seen, lacking)
         if not short(gentler):
             return gentler
     raise Refused(f"{why}. {KEPT}")
@@ -114,6 +114,23 @@ def final_plants(
     return plants
 
 
+def plants_that_lack(result: DesignResult, model: Model, plants: Callable[[Model], Sequence[DesignPlant]]) -> list[DesignPlant]:
+    """Plants of a model at both ends of the 95 % intervals of those inertias and springs at an end of which a controller does not hold.
+
+    Parameters
+    ----------
+    result : DesignResult
+        With the margins that it was designed for.
+    model : Model
+        That it was designed on, with intervals.
+    plants : callable
+        Of a model, to its plants.
+    """
+    ends = [(end.name, plants(end.model)) for end in _interval_ends(model)]
+    lacking = {name for name, at_end in ends if _missing(result, result.cascade, at_end)}
+    return [plant for name, at_end in ends if name in lacking for plant in at_end]
+
+
 def over_intervals(
     name: str, result: DesignResult, model: Model, plants: Callable[[Model], Sequence[DesignPlant]], folder: RunFolder
 ) -> str:
@@ -139,13 +156,8 @@ def over_intervals(
     str
         What is known too badly, the end of its interval, what is missing there and what to do; "" where the controller holds.
     """
-    least = relaxed_to(result.specification, LEAST_PHASE_MARGIN_DEG)
-
-    def missing(cascade: Cascade, at: Model) -> str:
-        return _missing(worst_of(margins(cascade, plants(at), result.structure.period_s)), least)
-
     for end in _interval_ends(model):
-        if short := missing(result.cascade, end.model):
+        if short := _missing(result, result.cascade, plants(end.model)):
             known, at = model.parameters[end.name], replace(end.model.parameters[end.name], interval=None)
             return (
                 f"{name} does not hold over what is known of this axis: {end.name} is {known}, and at {at} {short}; make a "
@@ -153,7 +165,7 @@ def over_intervals(
                 f"lacks: `beltcomm diagnose {pasted(folder.path)}`"
             )
     for cascade in at_interval_ends(folder, result.cascade):
-        if short := missing(cascade, model):
+        if short := _missing(result, cascade, plants(model)):
             return (
                 f"{name} does not hold over what is known of this drive's gains, ± {100.0 * unsure(folder):.2g} %: should its Kp "
                 f"{result.cascade.kp_nm_s_rad:.3g} N m s/rad be {cascade.kp_nm_s_rad:.3g} and its Kv {result.cascade.kpp_1_s:.3g} 1/s be "
@@ -163,8 +175,9 @@ def over_intervals(
     return ""
 
 
-def _missing(found: WorstMargins, least: Specification) -> str:
-    """Sentence on the margin that is below the least; "" where none is."""
+def _missing(result: DesignResult, cascade: Cascade, plants: Sequence[DesignPlant]) -> str:
+    """Sentence on the margin of a cascade on some plants that is below the least of a design; "" where none is."""
+    least, found = relaxed_to(result.specification, LEAST_PHASE_MARGIN_DEG), worst_of(margins(cascade, plants, result.structure.period_s))
     if not found.stable:
         return "it is unstable"
     margins_deg = {

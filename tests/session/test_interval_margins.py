@@ -14,11 +14,13 @@ import pytest
 from beltcomm import api
 from beltcomm.axis import load_axis
 from beltcomm.control import Cascade, CascadeStructure
+from beltcomm.design.cascade import DesignResult
 from beltcomm.errors import Refused
 from beltcomm.experiments import commission as sequence
 from beltcomm.identify.final import FinalModel
 from beltcomm.model import Model
 from beltcomm.rundata import analyse
+from beltcomm.rundata.findings import Findings, Settings
 from beltcomm.rundata.interval_margins import _interval_ends, first_loop_over_intervals, first_loop_plants, over_intervals
 from beltcomm.runfolder import RunFolder
 from design.closed_loop import run
@@ -76,6 +78,21 @@ def test_a_first_loop_that_does_not_hold_over_the_intervals_is_made_gentler(tmp_
     assert all(settles(end, gentler.cascade) for end in (model, *ends))
     known = known_to(0.02, name)
     assert first_loop_over_intervals(known, REFERENCE, *SEEN, folder).cascade == analyse.first_loop(known, REFERENCE, *SEEN).cascade
+
+
+@pytest.mark.parametrize("name", ["cart.mass", "belt_stiffness.stiffness"])
+def test_a_final_design_that_does_not_hold_over_the_intervals_is_made_gentler(tmp_path: Path, name: str) -> None:
+    folder, findings, settings = folder_of(tmp_path), Findings(), Settings()
+
+    def designed(share: float) -> tuple[DesignResult, Cascade]:
+        return sequence.design_for(folder.axis, known_to(share, name), REFERENCE, findings, settings, folder)
+
+    usual, gentler = designed(0.01), designed(0.9)
+    ends = [end.model for end in _interval_ends(known_to(0.9, name))]
+    assert not all(settles(end, usual[0].cascade) for end in ends)
+    assert all(settles(end, gentler[0].cascade) for end in (known_to(0.9, name), *ends))
+    assert "gentler" in gentler[0].remarks[0]
+    assert [plant.name for plant in gentler[0].plants] == [plant.name for plant in usual[0].plants]
 
 
 def test_a_margin_that_is_left_but_thin_is_named_with_its_limit(tmp_path: Path) -> None:
