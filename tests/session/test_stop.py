@@ -123,14 +123,14 @@ def test_a_stop_is_planned_for_gains_at_the_ends_of_their_intervals(
     found: dict[str, Any] = {}
 
     def of_all(machine: Machine, model: Model, running: Cascade, *given: Any, **more: Any) -> StopsOutOfMove:
-        at = [(one, other) for one in (0.95, 1.05) for other in (0.95, 1.05)]
+        at = [(one, other) for one in (0.9, 1.1) for other in (0.9, 1.1)]
         others = [
             replace(running, kp_nm_s_rad=one * running.kp_nm_s_rad, ki_nm_rad=one * running.ki_nm_rad, kpp_1_s=other * running.kpp_1_s)
             for one, other in at
         ]
         found["alone"] = worst_stops(machine, model, running, *given, **more)
         found["ends"] = [worst_stops(machine, model, other, *given, **more) for other in others]
-        unit = {"unit": 1.0, "interval": 0.05, "assumed": 1.0, "object": "2010h:1"}
+        unit = {"unit": 1.0, "interval": 0.1, "assumed": 1.0, "object": "2010h:1"}
         measured = {"kind": "x", "rated_torque_nm": 1.4, "rated_current_a": 2.2, "units": {"kp_nm_s_rad": unit, "kpp_1_s": unit}}
         machine.folder.save("results", "calibration", measured)
         found["known"] = worst_stops(machine, model, running, *given, **more)

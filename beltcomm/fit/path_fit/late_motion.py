@@ -33,8 +33,22 @@ def effect_between(
 ) -> str:
     """Name of the effect between reading and motion with which another path explains the records better than the chosen one.
 
-    ``chosen`` and ``fitted`` are by a model without one, the ``others`` divide the same chain; a fall of -2 ln L by ``clear`` makes one
-    more than as likely.  Empty where the start model has such an effect, none explains enough, or the chosen path is as likely.
+    Empty where the start model has such an effect, none explains enough, or the chosen path is as likely.
+
+    Parameters
+    ----------
+    fit_by : callable
+        Of a start model and a path, the fit.
+    start : Model
+        Without such an effect.
+    chosen : TorquePath
+        By a model without one.
+    fitted : Fitted
+        The fit by it.
+    others : sequence of TorquePath
+        The other ways to divide the same chain.
+    clear : float
+        Fall of -2 ln L that makes another path more than as likely.
     """
     if any(name in start.effects for name in (*BETWEEN, *BESIDE)):
         return ""
@@ -51,7 +65,19 @@ def effect_between(
 
 
 def rubs_instead(fit_by: Callable[[Model, TorquePath], Fitted], start: Model, fitted: Fitted, likeliest: Sequence[TorquePath]) -> bool:
-    """Whether friction at the carriage explains most of what a base leaves above the noise, by one of the likeliest paths (first ones)."""
+    """True if friction at the carriage explains most of what a base leaves above the noise.
+
+    Parameters
+    ----------
+    fit_by : callable
+        Of a start model and a path, the fit.
+    start : Model
+        Of the base.
+    fitted : Fitted
+        The base.
+    likeliest : sequence of TorquePath
+        The likeliest first; a few of them are tried.
+    """
     if "cart" not in start.base_bodies or RUBS in start.effects:
         return False
     may_leave = RUBS_LEAVES * (_level(fitted) - 1.0)
