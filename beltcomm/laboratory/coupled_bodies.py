@@ -162,7 +162,9 @@ def _grown_by_coupling(data: Data, current: Fitted, axis: Axis, *, alone: bool =
         return None
     finer = for_coupling(data, here)
     against = current if finer is data else fit(finer, here, AGAIN, offsets=current.offsets)
-    simple, more = (next(iter(_best_from(finer, places)), None) for places in (single, double))
+    if not against.problem.samples:  # by finer steps of time none counts
+        return None
+    simple, more = (next((one for one in _best_from(finer, places) if one.problem.samples), None) for places in (single, double))
     if simple is not None and (more is None or drop_by(simple, more) <= bic_penalty(END_PULLEY, simple, len(double)) + EVIDENCE):
         return finer, against, simple, len(single)
     return None if more is None else (finer, against, more, len(double))
